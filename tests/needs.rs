@@ -49,7 +49,7 @@ for line in open(sys.argv[1]):
 print(' and '.join(other + ['no ' + ', '.join(missing)] * bool(missing)))";
 
 /// Programs by the package of Debian that has each, where its name is another one.
-const PACKAGES: [(&str, &str); 11] = [
+const PACKAGES: [(&str, &str); 12] = [
     ("pdftotext", "poppler-utils"),
     ("pdflatex", "texlive-latex-recommended"),
     ("python3", "python3 python3-venv"),
@@ -61,6 +61,7 @@ const PACKAGES: [(&str, &str); 11] = [
     ("kill", "procps"),
     ("mkfifo", "coreutils"),
     ("unshare", "util-linux"),
+    ("qemu-x86_64", "qemu-user"),
 ];
 
 /// A Python with these modules, as in `"polars, numpy"`; `None`, after a line, where no Python here has them all.

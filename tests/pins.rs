@@ -2,20 +2,15 @@
 //! a number under an old version.
 //!
 //! A pin holds the whole trial (plugins with complete configs), so that it does not move with defaults, and
-//! runs with version 0 of everything, so that it does not move with a version. The bits depend on how wide
-//! the processor's vectors are: a pin holds a digest per kind of processor, and is passed over on a kind that
-//! it does not know, but not in CI. Who writes a pin has one kind of processor: the digests of others are null, which
-//! says that they were not measured yet, and are written where the test next runs on such a kind with `REGIMEN_PINS`.
-//!
-//! Digests of a kind can be written on a machine of a wider one, by running this test under an emulator that
-//! offers no more than the kind has: `qemu-x86_64 -cpu max` of QEMU 7.2 has AVX2 and FMA, and no AVX-512.
+//! runs with version 0 of everything, so that it does not move with a version. It has one digest: the bits are the same
+//! on every processor.
 //!
 //! `REGIMEN_PINS=write cargo test --release --workspace pins` writes new pins and those of raised versions.
 
 use crate::{
     contracts::{acting, ready_made},
     datasets::{self, with_sources},
-    needs::{note, skip, skip_part},
+    needs::programs,
     program::repository,
     shrunk::shrunk,
 };
@@ -29,10 +24,14 @@ use std::{
     fs,
     panic::{AssertUnwindSafe, catch_unwind},
     path::PathBuf,
+    process::Command,
 };
 
 /// How to write pins.
 const COMMAND: &str = "REGIMEN_PINS=write cargo test --release --workspace pins";
+
+/// Variable with the pins that are compared, by name with commas between them; all where it is absent.
+const SOME: &str = "REGIMEN_SOME_PINS";
 
 /// One pinned trial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -41,8 +40,8 @@ struct Pin {
     trial: [Part; 3],
     /// Version of the shared numerics under which they hold.
     numerics: u32,
-    /// Digest of what the trial records, by kind of processor; null where it was not measured.
-    digests: BTreeMap<String, Option<String>>,
+    /// Digest of everything that the trial records.
+    digest: String,
 }
 
 /// Pins by `kind plugin`, as in `agent ddpg`.
@@ -51,34 +50,37 @@ type Pins = BTreeMap<String, Pin>;
 #[test]
 fn no_number_moves_under_an_old_version() {
     let registry = registry();
-    let to_pin = format!("`{COMMAND}` pins it");
-    let Some(processor) = processor() else {
-        skip("nothing is pinned for this kind of processor", &to_pin);
-        return;
-    };
     let pins = read();
     let writes = std::env::var("REGIMEN_PINS").as_deref() == Ok("write");
-    for (subject, pin) in pins.iter().filter(|_| !writes) {
-        match pin.digests.get(&processor) {
-            Some(Some(_)) => {}
-            Some(None) => note(&format!(
-                "{subject} was not measured on {processor} yet; {to_pin}"
-            )),
-            None => skip_part(subject, &format!("its pin knows no {processor}"), &to_pin),
-        }
-    }
+    let some = std::env::var(SOME).ok();
     let complaints: Vec<String> = subjects(&registry)
         .into_iter()
+        .filter(|subject| some.as_ref().is_none_or(|some| some.split(',').any(|name| name == subject)))
         .filter_map(|subject| match pins.get(&subject) {
-            Some(pin) => check(&registry, &subject, pin, &processor),
+            Some(pin) => check(&registry, &subject, pin),
             None => Some(format!("{subject} has no pin yet. To add one: {COMMAND}")),
         })
         .collect();
     if writes {
-        write(&registry, pins, &processor);
+        write(&registry, pins);
     } else {
         assert!(complaints.is_empty(), "\n\n{}\n", complaints.join("\n\n"));
     }
+}
+
+/// Three agents and three environments on an emulated processor of 2008, with SSE alone and without fused multiply-adds.
+#[test]
+fn a_processor_without_wide_vectors_has_the_same_numbers() {
+    const PINS: &str = "agent soft_actor_critic,agent dirichlet_sac,agent tdom_ac,environment battery,environment turbofan,\
+                        environment component_replacement";
+    let Some([emulator]) = programs(["qemu-x86_64"]) else { return };
+    let program = std::env::current_exe().unwrap();
+    let mut command = Command::new(emulator);
+    command.args(["-cpu", "Nehalem"]).arg(program);
+    command.args(["--exact", "pins::no_number_moves_under_an_old_version"]).env(SOME, PINS);
+    let output = command.output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && text.contains("1 passed"), "{text}");
 }
 
 #[test]
@@ -96,22 +98,13 @@ fn every_pin_is_of_a_registered_plugin() {
 
 #[test]
 fn a_moved_number_and_a_raised_version_are_told_apart() {
-    let (registry, processor) = (registry(), "tested".to_owned());
+    let registry = registry();
     let [name, other] = ["environment allocation_bandit", "environment battery"];
     let pins = [name, other].map(|name| read().remove(name).unwrap());
-    let mut pin = Pin {
-        digests: BTreeMap::from([(processor.clone(), digest(&registry, &pins[0].trial).ok())]),
-        ..pins[0].clone()
-    };
-    assert_eq!(check(&registry, name, &pin, &processor), None);
-    assert_eq!(
-        check(&registry, name, &pin, "another"),
-        None,
-        "an unknown processor is passed over"
-    );
-    pin.digests
-        .insert(processor.clone(), digest(&registry, &pins[1].trial).ok());
-    let moved = check(&registry, name, &pin, &processor).unwrap();
+    let mut pin = pins[0].clone();
+    assert_eq!(check(&registry, name, &pin), None);
+    pin.digest.clone_from(&pins[1].digest);
+    let moved = check(&registry, name, &pin).unwrap();
     assert!(
         moved.contains("no version was raised") && moved.contains("plugins/environments/src/lib.rs"),
         "{moved}"
@@ -121,7 +114,7 @@ fn a_moved_number_and_a_raised_version_are_told_apart() {
         "{moved}"
     );
     pin.trial[0].version += 1;
-    let raised = check(&registry, name, &pin, &processor).unwrap();
+    let raised = check(&registry, name, &pin).unwrap();
     assert!(
         raised.contains("allocation_bandit 2 -> 1") && raised.contains(COMMAND),
         "{raised}"
@@ -129,7 +122,7 @@ fn a_moved_number_and_a_raised_version_are_told_apart() {
 }
 
 /// Difference from a pin; `None` where it holds.
-fn check(registry: &Registry, subject: &str, pin: &Pin, processor: &str) -> Option<String> {
+fn check(registry: &Registry, subject: &str, pin: &Pin) -> Option<String> {
     let raised = raised(registry, pin);
     if !raised.is_empty() {
         return Some(format!(
@@ -137,13 +130,12 @@ fn check(registry: &Registry, subject: &str, pin: &Pin, processor: &str) -> Opti
             raised.join(", ")
         ));
     }
-    let pinned = pin.digests.get(processor)?.as_ref()?;
     match digest(registry, &pin.trial) {
         Err(problem) => Some(format!(
             "{subject}: the pinned trial cannot run any more: {problem}\n{}",
             advice(pin)
         )),
-        Ok(found) if found != *pinned => Some(format!(
+        Ok(found) if found != pin.digest => Some(format!(
             "{subject}: the numbers of the pinned trial moved, and no version was raised: stored trials \
              would stand beside new \
              ones of other code.\n{}",
@@ -244,24 +236,6 @@ fn recorded(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
     Ok(text)
 }
 
-/// The kinds of processors for which numbers are pinned.
-const KINDS: [&str; 2] = ["x86_64 avx2", "x86_64 avx512"];
-
-/// The kind of this machine's processor, by what reaches the order of floating-point operations; `None` for
-/// unknown kinds.
-fn processor() -> Option<String> {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl") {
-            return Some(KINDS[1].into());
-        }
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            return Some(KINDS[0].into());
-        }
-    }
-    None
-}
-
 fn file() -> PathBuf {
     repository().join("tests/fixtures/pins/pins.json")
 }
@@ -271,15 +245,13 @@ fn read() -> Pins {
 }
 
 /// Writes pins that are missing or of other versions; one that moved under its version is left as it is.
-fn write(registry: &Registry, old: Pins, processor: &str) {
+fn write(registry: &Registry, old: Pins) {
     let mut pins = Pins::new();
     for subject in subjects(registry) {
         let pin = match old.get(&subject) {
-            Some(pin) if raised(registry, pin).is_empty() => supplement(registry, pin, processor),
-            Some(pin) => {
-                renew(registry, pin, processor).unwrap_or_else(|| new(registry, &subject, processor))
-            }
-            None => new(registry, &subject, processor),
+            Some(pin) if raised(registry, pin).is_empty() => pin.clone(),
+            Some(pin) => renew(registry, pin).unwrap_or_else(|| new(registry, &subject)),
+            None => new(registry, &subject),
         };
         pins.insert(subject, pin);
     }
@@ -287,18 +259,8 @@ fn write(registry: &Registry, old: Pins, processor: &str) {
     fs::write(file(), serde_json::to_string_pretty(&pins).unwrap() + "\n").unwrap();
 }
 
-/// A pin with a digest of this processor, where it has none.
-fn supplement(registry: &Registry, pin: &Pin, processor: &str) -> Pin {
-    let mut pin = pin.clone();
-    let own = pin.digests.entry(processor.into()).or_default();
-    if own.is_none() {
-        *own = Some(digest(registry, &pin.trial).unwrap());
-    }
-    pin
-}
-
 /// The pinned trial with the versions and the numbers of today; `None` where it cannot run any more.
-fn renew(registry: &Registry, pin: &Pin, processor: &str) -> Option<Pin> {
+fn renew(registry: &Registry, pin: &Pin) -> Option<Pin> {
     let [environment, agent, protocol] = &pin.trial;
     let today = |kind: &str, part: &Part| {
         let about = about(registry, kind, &part.plugin)?;
@@ -315,23 +277,21 @@ fn renew(registry: &Registry, pin: &Pin, processor: &str) -> Option<Pin> {
             today("agent", agent)?,
             today("protocol", protocol)?,
         ],
-        processor,
     )
 }
 
-fn pinned(registry: &Registry, trial: [Part; 3], processor: &str) -> Option<Pin> {
-    let mut digests = BTreeMap::from(KINDS.map(|kind| (kind.to_owned(), None)));
-    digests.insert(processor.to_owned(), Some(digest(registry, &trial).ok()?));
+fn pinned(registry: &Registry, trial: [Part; 3]) -> Option<Pin> {
+    let digest = digest(registry, &trial).ok()?;
     Some(Pin {
         trial,
         numerics: registry.numerics_version,
-        digests,
+        digest,
     })
 }
 
 /// The tiny trial of a plugin that records most, so that it goes through as much code as can be; where an
 /// agent is pinned that learns, it must have learned.
-fn new(registry: &Registry, subject: &str, processor: &str) -> Pin {
+fn new(registry: &Registry, subject: &str) -> Pin {
     let (kind, name) = subject.split_once(' ').unwrap();
     let candidates = |of: &str, names: Vec<&'static str>| -> Vec<Part> {
         let wanted = names
@@ -364,7 +324,7 @@ fn new(registry: &Registry, subject: &str, processor: &str) -> Pin {
     }
     let (_, trial) =
         best.unwrap_or_else(|| panic!("no tiny trial of {subject} runs: see `tiny` in tests/pins.rs"));
-    pinned(registry, trial, processor).unwrap()
+    pinned(registry, trial).unwrap()
 }
 
 /// True where an agent recorded what it records when it learns, or has nothing to record.

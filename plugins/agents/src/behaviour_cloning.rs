@@ -26,16 +26,16 @@
 //! mean over batch and entries of `|pi(s) - a|`.
 
 use crate::shared::{
+    batch::BatchInputs,
     checkpoint::{self, finite},
     dataset_actor::{ActionSet, ActorSettings, DatasetActor, ScalingSource},
-    targets::mean,
 };
-use burn::tensor::{Tensor, activation::log_softmax};
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
-use numerics::{network::values, tensor_file::TensorFile};
+use numerics::{equations::network::Network, tensor_file::TensorFile};
+use plan::{Descent, Expression, Plans};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -80,7 +80,9 @@ impl contract::Config for Config {}
 /// Policy trained by imitation alone.
 #[derive(Debug, Clone)]
 pub struct BehaviourCloning {
+    config: Config,
     actor: DatasetActor,
+    learning: Plans,
     n_updates: u64,
 }
 
@@ -96,23 +98,16 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// # Errors
 /// [`Error::Mismatch`] for any other seat.
 fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let Config {
-        learning_rate,
-        width,
-        layers,
-        gradient_clip,
-        scale_by,
-    } = config;
     let form = ActorSettings {
-        width,
-        layers,
-        learning_rate,
-        gradient_clip,
-        scale_by,
+        width: config.width,
+        layers: config.layers,
+        scale_by: config.scale_by,
     };
     Ok(Box::new(BehaviourCloning {
         actor: DatasetActor::new(NAME, &form, interface, rng)?,
+        learning: Plans::default(),
         n_updates: 0,
+        config,
     }))
 }
 
@@ -130,11 +125,24 @@ fn metrics() -> Vec<Metric> {
     ]
 }
 
-/// Loss of the network outputs `z` `[batch, n]` for actions `[batch, n]`.
-fn loss(set: ActionSet, outputs: Tensor<2>, actions: Tensor<2>) -> Tensor<1> {
+/// One update of the policy.
+fn update(set: ActionSet, policy: &Network, batch: BatchInputs<'_>, config: &Config) {
+    let equations = batch.observations.equations();
+    equations.routine("update");
+    let outputs = policy.apply(batch.observations);
+    let deviation = (set.act(outputs) - batch.actions).abs();
+    equations.output("clone_error", deviation.mean());
+    let loss = loss(set, outputs, batch.actions);
+    equations.output("clone_loss", loss);
+    let adam = Descent::adam("learning_rate", config.learning_rate, config.gradient_clip);
+    equations.descend(loss, &policy.parameters(equations), &adam);
+}
+
+/// Loss `[1, 1]` of the network outputs `z` `[batch, n]` for actions `[batch, n]`.
+fn loss<'e>(set: ActionSet, outputs: Expression<'e>, actions: Expression<'e>) -> Expression<'e> {
     match set {
-        ActionSet::Cube => (set.act(outputs) - actions).powf_scalar(2.0).mean(),
-        ActionSet::Simplex => (actions * log_softmax(outputs, 1)).sum_dim(1).mean().neg(),
+        ActionSet::Cube => (set.act(outputs) - actions).square().mean(),
+        ActionSet::Simplex => -(actions * outputs.log_softmax()).sum_columns().mean(),
     }
 }
 
@@ -149,16 +157,18 @@ impl Agent for BehaviourCloning {
     }
 
     fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let batch = self.actor.batch(transitions);
-        let outputs = self.actor.network.network().forward(batch.observations);
-        let deviation = (self.actor.actions.act(outputs.clone().inner()) - batch.actions.clone()).abs();
-        let loss = loss(self.actor.actions, outputs, batch.actions);
-        record.mean(
-            "clone_loss",
-            finite("clone_loss", self.n_updates, values(loss.clone())[0])?,
-        );
-        record.mean("clone_error", f64::from(mean(deviation)));
-        self.actor.network.descend(&loss);
+        let (actor, config) = (&mut self.actor, &self.config);
+        let batch = actor.batch(transitions);
+        let (set, policy, widths) = (actor.actions, &actor.policy, actor.widths());
+        let plan = self.learning.of_rows(batch.n_rows, |equations| {
+            let batch = BatchInputs::new(equations, batch.n_rows, widths);
+            update(set, policy, batch, config);
+        });
+        batch.write(plan);
+        plan.run("update", &mut actor.state);
+        let loss = finite("clone_loss", self.n_updates, plan.number("clone_loss"))?;
+        record.mean("clone_loss", loss);
+        record.mean("clone_error", plan.number("clone_error"));
         self.n_updates += 1;
         Ok(())
     }
@@ -198,9 +208,10 @@ mod tests {
     use crate::shared::{
         bandit,
         dataset_actor::tests::{cube, decisions, fit},
+        gradient_checks::computed,
     };
     use contract::random::stream;
-    use numerics::network::matrix;
+    use plan::{Equations, Processor, State, differences::largest_error};
     use rand::Rng as _;
 
     fn tiny() -> Config {
@@ -217,47 +228,58 @@ mod tests {
 
     #[test]
     fn the_losses_by_hand() {
+        let of = |set, actions: [f64; 2]| {
+            computed(|equations| {
+                let row = |entries: &[f64]| equations.constant([1, 2], entries);
+                loss(set, row(&[0.0, 3f64.ln()]), row(&actions))
+            })[0]
+        };
         // softmax(0, ln 3) = (1/4, 3/4); -(0.5 ln 0.25 + 0.5 ln 0.75).
-        let outputs = || matrix(vec![0.0, 3f32.ln()], 2);
-        let cross_entropy = values(loss(ActionSet::Simplex, outputs(), matrix(vec![0.5, 0.5], 2)))[0];
+        let cross_entropy = of(ActionSet::Simplex, [0.5, 0.5]);
         assert!(
             (cross_entropy + 0.5 * (0.25f32.ln() + 0.75f32.ln())).abs() < 1e-6,
             "{cross_entropy}"
         );
         // tanh(0) = 0 and tanh(ln 3) = 0.8: (0.1^2 + 0.3^2) / 2.
-        let squared = values(loss(ActionSet::Cube, outputs(), matrix(vec![0.1, 0.5], 2)))[0];
+        let squared = of(ActionSet::Cube, [0.1, 0.5]);
         assert!((squared - 0.05).abs() < 1e-6, "{squared}");
+    }
+
+    /// Writes the loss of a parameter `z` as the outputs of a network, and returns both.
+    fn loss_of_z(set: ActionSet, actions: [f32; 3], equations: &Equations) -> [Expression<'_>; 2] {
+        let outputs = equations.parameter("z", [1, 3]);
+        equations.routine("loss");
+        let loss = loss(set, outputs, equations.constant([1, 3], &actions.map(f64::from)));
+        equations.output("loss", loss);
+        [outputs, loss]
     }
 
     #[test]
     fn the_gradients_on_the_outputs_are_those_of_the_formulas() {
-        let (z, a) = ([0.3f32, -1.2, 0.7], [0.2f32, 0.5, 0.3]);
+        let a = [0.2f32, 0.5, 0.3];
+        let mut state = State::default();
+        state.insert("z", [1, 3], vec![0.3, -1.2, 0.7]);
         for set in [ActionSet::Simplex, ActionSet::Cube] {
-            let outputs = Tensor::<2>::from_inner(matrix(z.to_vec(), 3)).require_grad();
-            let gradients = loss(set, outputs.clone(), matrix(a.to_vec(), 3)).backward();
-            let found = values(outputs.grad(&gradients).unwrap());
-            let acted = values(set.act(matrix(z.to_vec(), 3)));
+            let equations = Equations::new();
+            let [outputs, loss] = loss_of_z(set, a, &equations);
+            equations.output("acted", set.act(outputs));
+            equations.output("gradient", equations.gradients(loss, &[outputs])[0]);
+            let mut plan = Processor::<f32>::new(equations.into_graph());
+            plan.run("loss", &mut state.clone());
+            let (found, acted) = (plan.entries("gradient"), plan.entries("acted"));
             for i in 0..3 {
                 let expected = match set {
                     ActionSet::Simplex => acted[i] - a[i],
                     ActionSet::Cube => 2.0 / 3.0 * (acted[i] - a[i]) * (1.0 - acted[i] * acted[i]),
                 };
-                let at = |step: f32| {
-                    let mut moved = z.to_vec();
-                    moved[i] += step;
-                    f64::from(values(loss(set, matrix(moved, 3), matrix(a.to_vec(), 3)))[0])
-                };
-                let difference = (at(1e-2) - at(-1e-2)) / 2e-2;
-                assert!(
-                    (found[i] - expected).abs() < 1e-6,
-                    "{set:?} {i}: {} {expected}",
-                    found[i]
-                );
-                assert!(
-                    (difference - f64::from(expected)).abs() < 1e-4,
-                    "{set:?} {i}: {difference} {expected}"
-                );
+                let off = (found[i] - expected).abs();
+                assert!(off < 1e-6, "{set:?} {i}: {} {expected}", found[i]);
             }
+            let equations = Equations::new();
+            loss_of_z(set, a, &equations);
+            let (graph, wide) = (equations.into_graph(), state.widened());
+            let error = largest_error(graph, ["loss", "loss"], &["z"], &wide, &[], 0);
+            assert!(error < 1e-6, "{set:?}: {error:e}");
         }
     }
 

@@ -28,35 +28,31 @@
 
 use crate::shared::{
     allocation,
+    batch::BatchInputs,
+    bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
-    replay::{Batch, Replay},
+    replay::Replay,
     scaling::{ObservationScaling, Scaling},
     schedule::UpdateSchedule,
     seat,
-    targets::{bootstrapped, half_squared_error},
-};
-use burn::{
-    module::Module,
-    tensor::{Tensor, activation::softmax},
+    seat_network::HiddenLayers,
 };
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use numerics::{
-    gaussian::standard_normal,
-    network::{Activation, Mlp, device, matrix, values},
-    optimizer::{Adam, TrainedNetwork},
-    parameters::{restore, soft_update, store},
+    equations::network::Network,
+    network::Activation,
     policy_file::{Head, Policy},
-    tensor_file::TensorFile,
 };
+use plan::{Descent, Expression, Plans, State};
+use rand::RngCore;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const NAME: &str = "ddpg";
-const LAYERS: [Activation; 3] = [Activation::LeakyRelu; 3];
 /// Gain of the policy's last layer: at 300 inputs, the paper's bound of 3e-3 for uniform weights.
 const POLICY_OUTPUT_GAIN: f64 = 0.03;
 
@@ -132,12 +128,21 @@ pub struct Ddpg {
     config: Config,
     scaling: Scaling,
     shares: Vec<String>,
-    policy: TrainedNetwork<Mlp>,
-    critic: TrainedNetwork<Mlp>,
-    target_policy: Mlp,
-    target_critic: Mlp,
+    learner: Learner,
+    state: State<f32>,
+    acting: Plans,
+    learning: Plans,
     replay: Replay,
     schedule: UpdateSchedule,
+}
+
+/// Networks, and the equations by which they act and learn.
+#[derive(Debug, Clone)]
+struct Learner {
+    policy: Network,
+    critic: Network,
+    target_policy: Network,
+    target_critic: Network,
 }
 
 /// Registers the agent.
@@ -174,34 +179,29 @@ impl Ddpg {
         let seat = seat::only_seat(NAME, interface)?;
         let shares = seat::simplex(NAME, seat)?.to_vec();
         let scaling = Scaling::new(config.observation_scaling, seat::observed(NAME, seat)?);
-        let (n_observed, n_shares, width) = (scaling.n_channels(), shares.len(), config.width);
-        let tracked = device().autodiff();
-        let policy = Mlp::new(
-            &[n_observed, width, width, width, n_shares],
-            &LAYERS,
-            POLICY_OUTPUT_GAIN,
-            rng,
-            &tracked,
-        );
-        let critic = Mlp::new(
-            &[n_observed + n_shares, width, width, width, 1],
-            &LAYERS,
-            1.0,
-            rng,
-            &tracked,
-        );
+        let (n_observed, n_shares) = (scaling.n_channels(), shares.len());
+        let hidden = HiddenLayers {
+            width: config.width,
+            layers: 3,
+            activation: Activation::LeakyRelu,
+        };
+        let mut state = State::default();
+        let policy = hidden.described("policy", n_observed, n_shares);
+        policy.initialise(POLICY_OUTPUT_GAIN, &mut state, rng);
+        let critic = hidden.described("critic", n_observed + n_shares, 1);
+        critic.initialise(1.0, &mut state, rng);
+        let learner = Learner {
+            target_policy: policy.copied("target_policy", &mut state),
+            target_critic: critic.copied("target_critic", &mut state),
+            policy,
+            critic,
+        };
         Ok(Self {
-            target_policy: policy.valid(),
-            target_critic: critic.valid(),
-            policy: TrainedNetwork::new(
-                policy,
-                Adam::new(config.actor_learning_rate, config.gradient_clip),
-            ),
-            critic: TrainedNetwork::new(
-                critic,
-                Adam::new(config.critic_learning_rate, config.gradient_clip),
-            ),
             replay: Replay::new(config.replay_capacity, n_observed, n_shares, 1),
+            learner,
+            state,
+            acting: Plans::default(),
+            learning: Plans::default(),
             schedule: UpdateSchedule::new(),
             config,
             scaling,
@@ -210,107 +210,107 @@ impl Ddpg {
     }
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let batch = self.replay.sample_with_replacement(self.config.batch_size, rng);
-        self.update_critic(&batch, record)?;
-        self.update_policy(&batch, record)?;
-        let tau = self.config.target_smoothing;
-        self.target_critic = soft_update(
-            std::mem::take(&mut self.target_critic),
-            self.critic.network(),
-            tau,
-        );
-        self.target_policy = soft_update(
-            std::mem::take(&mut self.target_policy),
-            self.policy.network(),
-            tau,
-        );
+        let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
+        let batch = self.replay.draw(config.batch_size, rng);
+        let plan = self.learning.of_rows(batch.n_rows, |equations| {
+            learner.update(BatchInputs::new(equations, batch.n_rows, widths), config);
+        });
+        batch.write(plan);
+        plan.run("update", &mut self.state);
+        for metric in ["critic_loss", "policy_loss"] {
+            let loss = finite(metric, self.schedule.n_steps(), plan.number(metric))?;
+            record.mean(metric, loss);
+        }
         self.schedule.count_update();
         Ok(())
     }
+}
 
-    /// Eq. 4: the critic descends the squared error to its target.
-    fn update_critic(&mut self, batch: &Batch, record: &mut Recorder) -> Result<(), Error> {
-        let target = self.target(batch);
-        let q = value(self.critic.network(), &batch.observations, batch.actions.clone());
-        let loss = half_squared_error(q, target);
-        record.mean(
-            "critic_loss",
-            finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
+impl Learner {
+    /// Actions of the policy, with noise and without.
+    fn act(&self, observations: Expression<'_>, exploration_sd: f64) {
+        let equations = observations.equations();
+        equations.routine("draw");
+        let logits = self.policy.apply(observations);
+        let noise = noise(logits, exploration_sd);
+        equations.output("drawn", (logits + noise).softmax());
+        equations.routine("choose");
+        equations.output("chosen", self.policy.apply(observations).softmax());
+    }
+
+    /// One update of critic, policy and both targets.
+    fn update(&self, batch: BatchInputs<'_>, config: &Config) {
+        let equations = batch.observations.equations();
+        equations.routine("update");
+        let of = |network: &Network| network.parameters(equations);
+        let (policy, critic) = (of(&self.policy), of(&self.critic));
+        let adam = |rate, first_rate| Descent::adam(rate, first_rate, config.gradient_clip);
+        // Eq. 4: the critic descends the squared error to its target.
+        let target = self.target(batch, config.discount);
+        let loss = half_squared_error(value(&self.critic, batch.observations, batch.actions), target);
+        equations.output("critic_loss", loss);
+        equations.descend(
+            loss,
+            &critic,
+            &adam("critic_learning_rate", config.critic_learning_rate),
         );
-        self.critic.descend(&loss);
-        Ok(())
+        let loss = self.policy_loss(batch);
+        equations.output("policy_loss", loss);
+        equations.descend(
+            loss,
+            &policy,
+            &adam("actor_learning_rate", config.actor_learning_rate),
+        );
+        equations.follow(&of(&self.target_critic), &critic, config.target_smoothing);
+        equations.follow(&of(&self.target_policy), &policy, config.target_smoothing);
     }
 
     /// Eq. 5: `r + gamma Q'(s', mu'(s'))`.
-    fn target(&self, batch: &Batch) -> Tensor<2> {
-        let next_action = softmax(self.target_policy.forward(batch.next_observations.clone()), 1);
-        let next_value = value(&self.target_critic, &batch.next_observations, next_action);
-        bootstrapped(
-            batch.rewards.clone(),
-            batch.continues.clone(),
-            next_value,
-            self.config.discount,
-        )
+    fn target<'e>(&self, batch: BatchInputs<'e>, discount: f64) -> Expression<'e> {
+        let next_action = self.target_policy.apply(batch.next_observations).softmax();
+        let next_value = value(&self.target_critic, batch.next_observations, next_action);
+        bootstrapped(batch.rewards, batch.continues, next_value, discount)
     }
 
-    /// Eq. 6: the policy ascends the critic through its action.
-    fn update_policy(&mut self, batch: &Batch, record: &mut Recorder) -> Result<(), Error> {
-        let action = softmax(self.policy.network().forward(batch.observations.clone()), 1);
-        // An untracked critic: the gradient passes through it to the action alone.
-        let loss = value(&self.critic.network().valid(), &batch.observations, action)
-            .mean()
-            .neg();
-        record.mean(
-            "policy_loss",
-            finite("policy_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
-        );
-        self.policy.descend(&loss);
-        Ok(())
+    /// Eq. 6: minus the critic's mean value of the policy's actions.
+    fn policy_loss<'e>(&self, batch: BatchInputs<'e>) -> Expression<'e> {
+        let action = self.policy.apply(batch.observations).softmax();
+        -value(&self.critic, batch.observations, action).mean()
     }
 }
 
-fn value(critic: &Mlp, observations: &Tensor<2>, action: Tensor<2>) -> Tensor<2> {
-    critic.forward(Tensor::cat(vec![observations.clone(), action], 1))
+fn value<'e>(critic: &Network, observations: Expression<'e>, action: Expression<'e>) -> Expression<'e> {
+    critic.apply(observations.equations().join(&[observations, action]))
 }
 
-#[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-fn noise(rows: usize, columns: usize, sd: f64, rng: &mut Rng) -> Tensor<2> {
-    matrix(
-        (0..rows * columns)
-            .map(|_| (sd * standard_normal(rng)) as f32)
-            .collect(),
-        columns,
-    )
+/// Independent Gaussian noise for logits.
+fn noise(logits: Expression<'_>, sd: f64) -> Expression<'_> {
+    logits.equations().normal(logits.shape()) * sd
 }
 
 impl Agent for Ddpg {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let scaled = observations
-            .iter()
-            .flat_map(|observation| self.scaling.apply(&observation.seats[0]))
-            .collect();
-        let logits = self
-            .policy
-            .network()
-            .valid()
-            .forward(matrix(scaled, self.scaling.n_channels()));
-        let logits = match mode {
+        let (learner, n_observed) = (&self.learner, self.scaling.n_channels());
+        let exploration_sd = self.config.exploration_sd;
+        let plan = self.acting.of_rows(observations.len(), |equations| {
+            let observations = equations.input("observations", [observations.len(), n_observed]);
+            learner.act(observations, exploration_sd);
+        });
+        let seen = observations.iter().map(|observation| &observation.seats[0]);
+        let scaled: Vec<f32> = seen.flat_map(|seen| self.scaling.apply(seen)).collect();
+        plan.write("observations", &scaled);
+        let action = match mode {
             Mode::Train => {
-                logits
-                    + noise(
-                        observations.len(),
-                        self.shares.len(),
-                        self.config.exploration_sd,
-                        rng,
-                    )
+                plan.run_seeded("draw", &mut self.state, rng.next_u64());
+                "drawn"
             }
-            Mode::Evaluate => logits,
+            Mode::Evaluate => {
+                plan.run("choose", &mut self.state);
+                "chosen"
+            }
         };
-        allocation::actions(
-            &values(softmax(logits, 1)),
-            self.shares.len(),
-            self.schedule.n_steps(),
-        )
+        let n_steps = self.schedule.n_steps();
+        allocation::actions(plan.entries(action), self.shares.len(), n_steps)
     }
 
     fn learn(
@@ -336,21 +336,18 @@ impl Agent for Ddpg {
         Ok(())
     }
 
-    checkpoint::keeps!(NAME; trained: policy, critic; targets: target_policy, target_critic; counters:);
+    checkpoint::keeps_state!(NAME);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::new(
-            self.policy.network(),
-            self.scaling.ports(&self.shares),
-            Head::SoftmaxMean,
-        );
+        let (policy, ports) = (&self.learner.policy, self.scaling.ports(&self.shares));
+        let policy = Policy::of_state(policy, &self.state, ports, Head::SoftmaxMean);
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        let ports = self.scaling.ports(&self.shares);
-        checkpoint::import_policy(NAME, &mut self.policy, dir, &ports, Head::SoftmaxMean)?;
+        let (policy, ports) = (&self.learner.policy, self.scaling.ports(&self.shares));
+        checkpoint::import_network(NAME, policy, &mut self.state, dir, &ports, Head::SoftmaxMean)?;
         Ok(true)
     }
 }
@@ -358,8 +355,9 @@ impl Agent for Ddpg {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared::bandit;
+    use crate::shared::{bandit, gradient_checks::outputs};
     use contract::random::stream;
+    use plan::{Equations, Processor};
 
     fn tiny() -> Config {
         Config {
@@ -379,11 +377,18 @@ mod tests {
     fn the_target_uses_both_target_networks() {
         let mut agent = agent(tiny());
         bandit::train(&mut agent, 6, &mut stream(&["target"]));
-        let mut batch = agent.replay.sample_with_replacement(4, &mut stream(&["batch"]));
-        batch.continues = batch.continues.ones_like();
-        let next = softmax(agent.target_policy.forward(batch.next_observations.clone()), 1);
-        let q = values(value(&agent.target_critic, &batch.next_observations, next));
-        let (y, r) = (values(agent.target(&batch)), values(batch.rewards));
+        let mut batch = agent.replay.draw(4, &mut stream(&["batch"]));
+        batch.continues.fill(1.0);
+        let learner = &agent.learner;
+        let [y, q] = outputs(["target", "next_value"], &agent.state, &batch, |equations| {
+            let inputs = BatchInputs::new(equations, 4, agent.replay.widths());
+            equations.routine("loss");
+            equations.output("target", learner.target(inputs, 0.99));
+            let next = learner.target_policy.apply(inputs.next_observations).softmax();
+            let q = value(&learner.target_critic, inputs.next_observations, next);
+            equations.output("next_value", q);
+        });
+        let r = &batch.rewards;
         assert!((0..4).all(|i| (y[i] - (r[i] + 0.99 * q[i])).abs() < 1e-6));
     }
 
@@ -398,8 +403,13 @@ mod tests {
         let mut act = |mode| agent.act(&observation, mode, &mut rng).unwrap();
         assert_ne!(act(Mode::Train), act(Mode::Train));
         assert_eq!(act(Mode::Evaluate), act(Mode::Evaluate));
-        let drawn = values(noise(5_000, 2, 0.2, &mut rng));
-        let variance = drawn.iter().map(|x| x * x).sum::<f32>() / 10_000.0;
+        let equations = Equations::new();
+        let logits = equations.input("logits", [5_000, 2]);
+        equations.routine("draw");
+        equations.output("noise", noise(logits, 0.2));
+        let mut plan = Processor::<f32>::new(equations.into_graph());
+        plan.run_seeded("draw", &mut State::default(), rng.next_u64());
+        let variance = plan.entries("noise").iter().map(|x| x * x).sum::<f32>() / 10_000.0;
         assert!((variance - 0.04).abs() < 0.002, "{variance}");
     }
 

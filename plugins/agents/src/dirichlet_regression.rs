@@ -22,18 +22,12 @@
 //! The agent samples in training and takes the mean `alpha / sum(alpha)` in evaluation. Metric: `loss`, mean
 //! over the calls since the last measurement.
 
-use crate::shared::{
-    checkpoint::finite,
-    simplex_regression::{self, RegressionLoss, SimplexHead, excess_error, log_shares, mean_absolute_error},
-    targets::mean,
+use crate::shared::simplex_regression::{
+    self, RegressionLoss, SimplexHead, excess_error, log_shares, mean_absolute_error,
 };
-use burn::tensor::Tensor;
-use contract::{Error, Registry, Rng};
-use numerics::{
-    dirichlet_policy::{log_density, sample},
-    network::{Activation, softplus},
-    policy_file::Head,
-};
+use contract::Registry;
+use numerics::{equations::dirichlet::sample, network::Activation, policy_file::Head};
+use plan::Expression;
 
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
@@ -45,35 +39,34 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 #[derive(Debug)]
 pub(crate) struct Dirichlet;
 
+/// `alpha = softplus(f(s)) + 1`.
+fn concentrations(head: Expression<'_>) -> Expression<'_> {
+    head.softplus() + 1.0
+}
+
 impl SimplexHead for Dirichlet {
     const NAME: &'static str = "dirichlet_regression";
     const LAYERS: [Activation; 3] = [Activation::LeakyRelu, Activation::Tanh, Activation::LeakyRelu];
     const OUTPUTS_PER_SHARE: usize = 1;
     const EXPORTED: Head = Head::DirichletMean;
 
-    /// `alpha = softplus(f(s)) + 1`.
-    fn parameters(outputs: Tensor<2>, n_examples: u64) -> Result<Tensor<2>, Error> {
-        let alpha = softplus(outputs) + 1.0;
-        finite("concentration", n_examples, mean(alpha.clone()))?;
-        Ok(alpha)
+    fn sample(head: Expression<'_>) -> Expression<'_> {
+        sample(concentrations(head)).action
     }
 
-    fn sample(alpha: Tensor<2>, rng: &mut Rng) -> Tensor<2> {
-        sample(alpha, rng).action
+    fn centre(head: Expression<'_>) -> Expression<'_> {
+        concentrations(head)
     }
 
-    fn centre(alpha: Tensor<2>) -> Tensor<2> {
-        alpha
-    }
-
-    fn loss(loss: RegressionLoss, alpha: Tensor<2>, targets: Tensor<2>, rng: &mut Rng) -> Tensor<1> {
+    fn loss<'e>(loss: RegressionLoss, head: Expression<'e>, targets: Expression<'e>) -> Expression<'e> {
+        let alpha = concentrations(head);
         match loss {
-            RegressionLoss::ExpectedError => mean_absolute_error(sample(alpha, rng).action, targets),
-            RegressionLoss::LogLikelihood => log_density(alpha, log_shares(targets)).mean().neg(),
+            RegressionLoss::ExpectedError => mean_absolute_error(sample(alpha).action, targets),
+            RegressionLoss::LogLikelihood => -alpha.dirichlet_density(log_shares(targets)).mean(),
             RegressionLoss::ScoreFunction => {
-                let drawn = sample(alpha.clone().inner(), rng);
-                let density = log_density(alpha, Tensor::from_inner(drawn.log_action));
-                (density * Tensor::from_inner(excess_error(drawn.action, targets))).mean()
+                let drawn = sample(alpha.stop_gradient());
+                let density = alpha.dirichlet_density(drawn.log_action);
+                (density * excess_error(drawn.action, targets)).mean()
             }
         }
     }
@@ -82,18 +75,24 @@ impl SimplexHead for Dirichlet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use contract::random::stream;
-    use numerics::network::{matrix, values};
+    use plan::{Equations, Processor, State};
 
     #[test]
     fn the_likelihood_is_that_of_the_target() {
-        let (outputs, target) = (matrix(vec![0.3, -0.2, 1.1], 3), [0.5f32, 0.3, 0.2]);
-        let alpha = Dirichlet::parameters(outputs, 0).unwrap();
-        let targets = matrix(target.to_vec(), 3);
+        let (outputs, target) = ([0.3, -0.2, 1.1], [0.5, 0.3, 0.2]);
+        let equations = Equations::new();
+        equations.routine("loss");
+        let (head, targets) = (
+            equations.constant([1, 3], &outputs),
+            equations.constant([1, 3], &target),
+        );
         let likelihood = RegressionLoss::LogLikelihood;
-        let loss = Dirichlet::loss(likelihood, alpha.clone(), targets, &mut stream(&["x"]));
-        let alpha: Vec<f64> = values(alpha).into_iter().map(f64::from).collect();
-        let expected = -numerics::dirichlet::log_density(&alpha, &target.map(|a| f64::from(a).ln()));
-        assert!((f64::from(values(loss)[0]) - expected).abs() < 1e-5);
+        equations.output("loss", Dirichlet::loss(likelihood, head, targets));
+        equations.output("alpha", Dirichlet::centre(head));
+        let mut processor = Processor::<f32>::new(equations.into_graph());
+        processor.run("loss", &mut State::default());
+        let alpha: Vec<f64> = processor.entries("alpha").iter().map(|a| f64::from(*a)).collect();
+        let expected = -numerics::dirichlet::log_density(&alpha, &target.map(f64::ln));
+        assert!((processor.number("loss") - expected).abs() < 1e-5);
     }
 }

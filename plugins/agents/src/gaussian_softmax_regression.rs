@@ -24,12 +24,13 @@
 use crate::shared::simplex_regression::{
     self, RegressionLoss, SimplexHead, excess_error, log_shares, mean_absolute_error,
 };
-use burn::tensor::{Tensor, activation::softmax};
-use contract::{Error, Registry, Rng};
+use contract::Registry;
 use numerics::{
-    gaussian::HALF_LN_TWO_PI, gaussian_head::mean_and_log_sd, gaussian_softmax::gaussian_softmax_sample,
-    network::Activation, policy_file::Head,
+    equations::gaussian_softmax::{candidate_density, mean_action, sample},
+    network::Activation,
+    policy_file::Head,
 };
+use plan::Expression;
 
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
@@ -47,51 +48,46 @@ impl SimplexHead for GaussianSoftmax {
     const OUTPUTS_PER_SHARE: usize = 2;
     const EXPORTED: Head = Head::SoftmaxMean;
 
-    fn parameters(outputs: Tensor<2>, _: u64) -> Result<Tensor<2>, Error> {
-        Ok(outputs)
+    fn sample(head: Expression<'_>) -> Expression<'_> {
+        sample(head).action
     }
 
-    fn sample(outputs: Tensor<2>, rng: &mut Rng) -> Tensor<2> {
-        let (mean, log_sd) = mean_and_log_sd(outputs);
-        gaussian_softmax_sample(mean, log_sd, rng).action
+    fn centre(head: Expression<'_>) -> Expression<'_> {
+        mean_action(head)
     }
 
-    fn centre(outputs: Tensor<2>) -> Tensor<2> {
-        softmax(mean_and_log_sd(outputs).0, 1)
-    }
-
-    fn loss(loss: RegressionLoss, outputs: Tensor<2>, targets: Tensor<2>, rng: &mut Rng) -> Tensor<1> {
-        let (mean, log_sd) = mean_and_log_sd(outputs);
+    fn loss<'e>(loss: RegressionLoss, head: Expression<'e>, targets: Expression<'e>) -> Expression<'e> {
         match loss {
-            RegressionLoss::ExpectedError => {
-                mean_absolute_error(gaussian_softmax_sample(mean, log_sd, rng).action, targets)
-            }
-            RegressionLoss::LogLikelihood => log_density(mean, log_sd, log_shares(targets)).mean().neg(),
+            RegressionLoss::ExpectedError => mean_absolute_error(sample(head).action, targets),
+            RegressionLoss::LogLikelihood => -candidate_density(head, log_shares(targets)).mean(),
             RegressionLoss::ScoreFunction => {
-                let drawn = gaussian_softmax_sample(mean.clone().inner(), log_sd.clone().inner(), rng);
-                let density = log_density(mean, log_sd, Tensor::from_inner(drawn.candidate));
-                (density * Tensor::from_inner(excess_error(drawn.action, targets))).mean()
+                let drawn = sample(head.stop_gradient());
+                let density = candidate_density(head, drawn.candidate);
+                (density * excess_error(drawn.action, targets)).mean()
             }
         }
     }
 }
 
-/// `ln N(u; mean, sd)`, `[batch, 1]`.
-fn log_density(mean: Tensor<2>, log_sd: Tensor<2>, candidate: Tensor<2>) -> Tensor<2> {
-    let residual = (candidate - mean) / log_sd.clone().exp();
-    (residual.powf_scalar(2.0) * -0.5 - log_sd - HALF_LN_TWO_PI).sum_dim(1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use numerics::network::{matrix, values};
+    use numerics::gaussian::HALF_LN_TWO_PI;
+    use plan::{Equations, Processor, State};
 
     #[test]
-    fn the_density_by_hand() {
-        // Two standard deviations of 0.5 above the mean: -2 + ln 2 - ln(2 pi) / 2.
-        let ln_sd = matrix(vec![0.5f32.ln()], 1);
-        let density = values(log_density(matrix(vec![1.0], 1), ln_sd, matrix(vec![2.0], 1)))[0];
-        assert!((f64::from(density) - (-2.0 + 2f64.ln() - HALF_LN_TWO_PI)).abs() < 1e-6);
+    fn the_likelihood_by_hand() {
+        let equations = Equations::new();
+        equations.routine("loss");
+        // The candidate of the target is ln 0.5, two standard deviations of 0.5 below the mean of each share.
+        let (mean, log_sd) = (0.5f64.ln() + 1.0, 0.5f64.ln());
+        let head = equations.constant([1, 4], &[mean, mean, log_sd, log_sd]);
+        let targets = equations.constant([1, 2], &[0.5, 0.5]);
+        let likelihood = RegressionLoss::LogLikelihood;
+        equations.output("loss", GaussianSoftmax::loss(likelihood, head, targets));
+        let mut processor = Processor::<f32>::new(equations.into_graph());
+        processor.run("loss", &mut State::default());
+        let of_a_share = -2.0 + 2f64.ln() - HALF_LN_TWO_PI;
+        assert!((processor.number("loss") + 2.0 * of_a_share).abs() < 1e-5);
     }
 }

@@ -10,7 +10,7 @@
 //! | u | candidate | `[batch, n_shares]` |
 //! | a | `action = softmax(u)`, the input of the critics | `[batch, n_shares]` |
 //! | log pi | `log_density` of the candidate | `[batch, 1]` |
-//! | alpha | temperature, kept as `log_temperature` | scalar |
+//! | alpha | `temperature` | scalar |
 //! | H | `target_entropy`, minus the number of shares | scalar |
 //!
 //! Departures from the paper
@@ -26,30 +26,25 @@
 
 use crate::shared::{
     allocation,
-    checkpoint::{self, finite},
-    replay::{Batch, Replay},
+    batch::BatchInputs,
+    checkpoint,
+    replay::Replay,
     scaling::{ObservationScaling, Scaling},
     schedule::UpdateSchedule,
     seat,
-    targets::{bootstrapped, half_squared_error, mean},
-};
-use burn::{
-    module::Module,
-    tensor::{Tensor, activation::softmax},
+    seat_network::HiddenLayers,
+    soft_learner::{self, ActionSet, Settings, Sizes, SoftLearner},
 };
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use numerics::{
-    gaussian_head::{self, mean_and_log_sd},
-    gaussian_softmax::{GaussianSoftmaxSample, gaussian_softmax_sample},
-    network::{Activation, Mlp, TwinMlp, device, matrix, values},
-    optimizer::{Adam, ScalarAdam, TrainedNetwork},
-    parameters::{restore, soft_update, store},
-    policy_file::{Head, Policy},
-    tensor_file::TensorFile,
+    network::Activation,
+    policy_file::{Head, Policy, Ports},
 };
+use plan::{Plans, State};
+use rand::RngCore;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -148,12 +143,10 @@ pub struct GaussianSoftmaxSac {
     config: Config,
     scaling: Scaling,
     shares: Vec<String>,
-    target_entropy: f64,
-    policy: TrainedNetwork<Mlp>,
-    critics: TrainedNetwork<TwinMlp>,
-    target_critics: TwinMlp,
-    log_temperature: f64,
-    temperature_adam: ScalarAdam,
+    learner: SoftLearner,
+    state: State<f32>,
+    acting: Plans,
+    learning: Plans,
     replay: Replay,
     schedule: UpdateSchedule,
 }
@@ -198,41 +191,51 @@ fn metrics() -> Vec<Metric> {
     ]
 }
 
-impl GaussianSoftmaxSac {
+impl Config {
+    fn sizes(&self, n_observed: usize, n_shares: usize) -> Sizes {
+        let hidden = |layers| HiddenLayers {
+            width: self.width,
+            layers,
+            activation: Activation::LeakyRelu,
+        };
+        Sizes {
+            seen: n_observed,
+            done: n_shares,
+            policy: hidden(self.policy_layers),
+            output_gain: self.output_gain,
+            critics: hidden(self.critic_layers),
+        }
+    }
+
     #[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^52")]
+    fn settings(&self, n_shares: usize) -> Settings {
+        Settings {
+            actor_learning_rate: self.actor_learning_rate,
+            critic_learning_rate: self.critic_learning_rate,
+            temperature_learning_rate: Some(self.temperature_learning_rate),
+            gradient_clip: self.gradient_clip,
+            target_entropy: self.target_entropy.unwrap_or(-(n_shares as f64)),
+            discount: self.discount,
+            target_smoothing: self.target_smoothing,
+        }
+    }
+}
+
+impl GaussianSoftmaxSac {
     fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
         let seat = seat::only_seat(NAME, interface)?;
         let shares = seat::simplex(NAME, seat)?.to_vec();
         let scaling = Scaling::new(config.observation_scaling, seat::observed(NAME, seat)?);
-        let (n_observed, n_shares, width) = (scaling.n_channels(), shares.len(), config.width);
-        let tracked = device().autodiff();
-        let sizes = |inputs, layers, outputs| [vec![inputs], vec![width; layers], vec![outputs]].concat();
-        let activations = |layers| vec![Activation::LeakyRelu; layers];
-        let (layers, outputs) = (config.policy_layers, 2 * n_shares);
-        let policy = Mlp::new(
-            &sizes(n_observed, layers, outputs),
-            &activations(layers),
-            config.output_gain,
-            rng,
-            &tracked,
-        );
-        let (layers, inputs) = (config.critic_layers, n_observed + n_shares);
-        let critics = TwinMlp::new(
-            &sizes(inputs, layers, 1),
-            &activations(layers),
-            1.0,
-            rng,
-            &tracked,
-        );
-        let adam = |rate| Adam::new(rate, config.gradient_clip);
+        let sizes = config.sizes(scaling.n_channels(), shares.len());
+        let (set, settings) = (ActionSet::Simplex, config.settings(shares.len()));
+        let (mut state, first_temperature) = (State::default(), config.first_temperature);
+        let learner = SoftLearner::new("", set, sizes, first_temperature, settings, &mut state, rng);
         Ok(Self {
-            target_entropy: config.target_entropy.unwrap_or(-(n_shares as f64)),
-            target_critics: critics.valid(),
-            policy: TrainedNetwork::new(policy, adam(config.actor_learning_rate)),
-            critics: TrainedNetwork::new(critics, adam(config.critic_learning_rate)),
-            log_temperature: config.first_temperature.ln(),
-            temperature_adam: ScalarAdam::new(config.temperature_learning_rate),
-            replay: Replay::new(config.replay_capacity, n_observed, n_shares, 1),
+            replay: Replay::new(config.replay_capacity, sizes.seen, sizes.done, 1),
+            learner,
+            state,
+            acting: Plans::default(),
+            learning: Plans::default(),
             schedule: UpdateSchedule::new(),
             config,
             scaling,
@@ -241,94 +244,48 @@ impl GaussianSoftmaxSac {
     }
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let batch = self.replay.sample_with_replacement(self.config.batch_size, rng);
-        self.update_critics(&batch, rng, record)?;
-        let log_pi = self.update_policy(&batch, rng, record)?;
-        self.update_temperature(log_pi);
-        let target = std::mem::take(&mut self.target_critics);
-        self.target_critics = soft_update(target, self.critics.network(), self.config.target_smoothing);
+        let batch = self.replay.draw(self.config.batch_size, rng);
+        let (learner, widths) = (&self.learner, self.replay.widths());
+        let plan = self.learning.of_rows(batch.n_rows, |equations| {
+            let batch = BatchInputs::new(equations, batch.n_rows, widths);
+            equations.routine("update");
+            learner.update(batch);
+        });
+        batch.write(plan);
+        plan.run_seeded("update", &mut self.state, rng.next_u64());
+        soft_learner::record(plan, self.schedule.n_steps(), record)?;
         self.schedule.count_update();
         Ok(())
     }
 
-    /// Eq. 5 of the paper: both critics descend the soft Bellman error.
-    fn update_critics(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let target = self.soft_target(batch, rng);
-        let input = Tensor::cat(vec![batch.observations.clone(), batch.actions.clone()], 1);
-        let (q1, q2) = self.critics.network().forward(input);
-        let loss = half_squared_error(q1, target.clone()) + half_squared_error(q2, target);
-        record.mean(
-            "critic_loss",
-            finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
-        );
-        self.critics.descend(&loss);
-        Ok(())
-    }
-
-    /// Eq. 2 and 3: reward plus the discounted soft value of the next observation, without gradients.
-    fn soft_target(&self, batch: &Batch, rng: &mut Rng) -> Tensor<2> {
-        let next = self.draw(&self.policy.network().valid(), &batch.next_observations, rng);
-        let (q1, q2) = self
-            .target_critics
-            .forward(Tensor::cat(vec![batch.next_observations.clone(), next.action], 1));
-        let soft_value = q1.min_pair(q2) - next.log_density * self.temperature();
-        bootstrapped(
-            batch.rewards.clone(),
-            batch.continues.clone(),
-            soft_value,
-            self.config.discount,
-        )
-    }
-
-    /// Eq. 9: the policy descends `temperature * log pi - Q`; returns the mean of `log pi`.
-    fn update_policy(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<f64, Error> {
-        let drawn = self.draw(self.policy.network(), &batch.observations, rng);
-        // Untracked critics: the gradient passes through them to the action alone.
-        let input = Tensor::cat(vec![batch.observations.clone(), drawn.action], 1);
-        let (q1, q2) = self.critics.network().valid().forward(input);
-        let q = q1.min_pair(q2);
-        let loss = (drawn.log_density.clone() * self.temperature() - q.clone()).mean();
-        record.mean(
-            "policy_loss",
-            finite("policy_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
-        );
-        self.policy.descend(&loss);
-        let mean_log_pi = f64::from(mean(drawn.log_density));
-        record.mean("policy_entropy", -mean_log_pi);
-        record.mean("mean_value", f64::from(mean(q)));
-        record.mean("temperature", self.temperature());
-        Ok(mean_log_pi)
-    }
-
-    /// Eq. 18, for the logarithm of the temperature: it rises where the entropy is below its target.
-    fn update_temperature(&mut self, mean_log_pi: f64) {
-        let gradient = -(mean_log_pi + self.target_entropy);
-        self.log_temperature = self.temperature_adam.step(self.log_temperature, gradient);
-    }
-
-    fn temperature(&self) -> f64 {
-        self.log_temperature.exp()
-    }
-
-    fn draw(&self, policy: &Mlp, observations: &Tensor<2>, rng: &mut Rng) -> GaussianSoftmaxSample {
-        let (mean, log_sd) = mean_and_log_sd(policy.forward(observations.clone()));
-        gaussian_softmax_sample(mean, log_sd, rng)
+    fn ports(&self) -> Ports {
+        self.scaling.ports(&self.shares)
     }
 }
 
 impl Agent for GaussianSoftmaxSac {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let scaled = observations
-            .iter()
-            .flat_map(|observation| self.scaling.apply(&observation.seats[0]))
-            .collect();
-        let scaled = matrix(scaled, self.scaling.n_channels());
-        let policy = self.policy.network().valid();
+        let (learner, shape) = (&self.learner, [observations.len(), self.scaling.n_channels()]);
+        let plan = self.acting.of_rows(observations.len(), |equations| {
+            let observations = equations.input("observations", shape);
+            equations.routine("draw");
+            equations.output("drawn", learner.drawn(observations));
+            equations.routine("choose");
+            equations.output("chosen", learner.chosen(observations));
+        });
+        plan.write("observations", &self.scaling.rows(observations));
         let shares = match mode {
-            Mode::Train => self.draw(&policy, &scaled, rng).action,
-            Mode::Evaluate => softmax(gaussian_head::mean(policy.forward(scaled)), 1),
+            Mode::Train => {
+                plan.run_seeded("draw", &mut self.state, rng.next_u64());
+                "drawn"
+            }
+            Mode::Evaluate => {
+                plan.run("choose", &mut self.state);
+                "chosen"
+            }
         };
-        allocation::actions(&values(shares), self.shares.len(), self.schedule.n_steps())
+        let shares = plan.entries(shares);
+        allocation::actions(shares, self.shares.len(), self.schedule.n_steps())
     }
 
     fn learn(
@@ -354,21 +311,18 @@ impl Agent for GaussianSoftmaxSac {
         Ok(())
     }
 
-    checkpoint::keeps!(NAME; trained: policy, critics; targets: target_critics; counters: log_temperature, temperature_adam);
+    checkpoint::keeps_state!(NAME);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::new(
-            self.policy.network(),
-            self.scaling.ports(&self.shares),
-            Head::SoftmaxMean,
-        );
+        let (policy, ports) = (&self.learner.policy, self.ports());
+        let policy = Policy::of_state(policy, &self.state, ports, Head::SoftmaxMean);
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        let ports = self.scaling.ports(&self.shares);
-        checkpoint::import_policy(NAME, &mut self.policy, dir, &ports, Head::SoftmaxMean)?;
+        let (ports, policy, state) = (self.ports(), &self.learner.policy, &mut self.state);
+        checkpoint::import_network(NAME, policy, state, dir, &ports, Head::SoftmaxMean)?;
         Ok(true)
     }
 }
@@ -376,8 +330,14 @@ impl Agent for GaussianSoftmaxSac {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared::bandit;
+    use crate::shared::{
+        bandit,
+        gradient_checks::{assert_gradient, outputs},
+        soft_learner::joined,
+    };
     use contract::random::stream;
+    use numerics::equations::network::lower;
+    use plan::Equations;
 
     fn tiny() -> Config {
         Config {
@@ -394,25 +354,20 @@ mod tests {
     }
 
     #[test]
-    fn deviations_stay_within_their_limits() {
-        let (mean, log_sd) = mean_and_log_sd(matrix(vec![1.0, -2.0, 5.0, -30.0], 4));
-        assert_eq!(
-            (values(mean), values(log_sd)),
-            (vec![1.0, -2.0], vec![2.0, -20.0])
-        );
+    fn the_target_entropy_is_minus_the_number_of_shares() {
+        assert_eq!(agent(tiny()).learner.target_entropy(), -3.0);
+        let given = agent(Config {
+            target_entropy: Some(-1.5),
+            ..tiny()
+        });
+        assert_eq!(given.learner.target_entropy(), -1.5);
     }
 
-    #[test]
-    fn the_target_entropy_is_minus_the_number_of_shares() {
-        assert_eq!(agent(tiny()).target_entropy, -3.0);
-        assert_eq!(
-            agent(Config {
-                target_entropy: Some(-1.5),
-                ..tiny()
-            })
-            .target_entropy,
-            -1.5
-        );
+    /// Begins a routine `loss` for a batch of 4.
+    fn write<'e>(agent: &GaussianSoftmaxSac, equations: &'e Equations) -> BatchInputs<'e> {
+        let batch = BatchInputs::new(equations, 4, agent.replay.widths());
+        equations.routine("loss");
+        batch
     }
 
     #[test]
@@ -422,26 +377,34 @@ mod tests {
             ..tiny()
         });
         bandit::train(&mut agent, 1, &mut stream(&["target"]));
-        let mut batch = agent.replay.sample_with_replacement(4, &mut stream(&["batch"]));
-        batch.continues = batch.continues.ones_like();
-        let target = values(agent.soft_target(&batch, &mut stream(&["noise"])));
-        let next = agent.draw(
-            &agent.policy.network().valid(),
-            &batch.next_observations,
-            &mut stream(&["noise"]),
-        );
-        let (q1, q2) = agent
-            .target_critics
-            .forward(Tensor::cat(vec![batch.next_observations, next.action], 1));
-        let (q1, q2, log_pi, r) = (
-            values(q1),
-            values(q2),
-            values(next.log_density),
-            values(batch.rewards),
-        );
-        for i in 0..4 {
-            assert!((target[i] - (r[i] + 0.99 * (q1[i].min(q2[i]) - 0.5 * log_pi[i]))).abs() < 1e-5);
-        }
+        let mut batch = agent.replay.draw(4, &mut stream(&["batch"]));
+        batch.continues.fill(1.0);
+        let learner = &agent.learner;
+        // Draws of a routine are numbered, so that the target's draw is that of `next`.
+        let [target] = outputs(["target"], &agent.state, &batch, |equations| {
+            equations.output("target", learner.soft_target(write(&agent, equations)));
+        });
+        let [q, log_pi] = outputs(["lower", "log_pi"], &agent.state, &batch, |equations| {
+            let inputs = write(&agent, equations);
+            let next = learner.draw(inputs.next_observations);
+            let seen = joined(inputs.next_observations, next.action);
+            equations.output("lower", lower(&learner.target_critics, seen));
+            equations.output("log_pi", next.log_density);
+        });
+        let expected = |i: usize| batch.rewards[i] + 0.99 * (q[i] - 0.5 * log_pi[i]);
+        assert!((0..4).all(|i| (target[i] - expected(i)).abs() < 1e-5));
+    }
+
+    #[test]
+    fn the_policy_gradient_agrees_with_finite_differences() {
+        let mut agent = agent(Config { width: 5, ..tiny() });
+        bandit::train(&mut agent, 3, &mut stream(&["gradient"]));
+        let batch = agent.replay.draw(4, &mut stream(&["batch"]));
+        let learner = &agent.learner;
+        assert_gradient(&[&learner.policy], &agent.state, &batch, |equations| {
+            let (loss, _) = learner.policy_loss(write(&agent, equations));
+            equations.output("loss", loss);
+        });
     }
 
     #[test]

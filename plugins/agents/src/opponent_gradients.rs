@@ -12,18 +12,18 @@
 //!
 //! The theorem: in a zero-sum game of two players the critics of (4.17) cancel, so that only the entropy part
 //! is left. It holds for exact critics. The critics here are learned, one per player, and cancel as far as
-//! both have become exact. The measurement does not affect learning: running moments are restored.
+//! both have become exact. The measurement does not affect learning: it changes a copy of the running moments.
 //!
 //! Metrics: means over the models, of the latest update. Both parts are taken with the same draws.
 
-use crate::shared::opponent_modelling::{Learner, SeatBatch, Settings, others};
+use crate::shared::opponent_modelling::{Learner, SeatUpdate, Settings};
 use crate::tdom_ac::{self, OpponentObjective};
-use burn::tensor::Tensor;
 use contract::{
     Action, Agent, AgentTraits, Config as _, Error, Feed, Interface, Metric, Mode, Observation, Recorder,
     Registry, Rng, Transition, Updates,
 };
-use numerics::{optimizer::gradients, squashed::sample};
+use plan::{Expression, Plans};
+use rand::RngCore;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -32,6 +32,9 @@ const NAME: &str = "opponent_gradients";
 
 /// Hyper-parameters of the learning: a preset of `tdom_ac`.
 const PRESET: &str = "differential_game";
+
+/// Parts of a gradient, as metrics and as outputs of the measurement.
+const PARTS: [&str; 2] = ["value_gradient", "entropy_gradient"];
 
 /// Objective of the opponent models, and the size of the learner.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -68,11 +71,11 @@ fn metrics() -> Vec<Metric> {
     let norm = |name: &str, about: &str| Metric::new(name, "", about).lower_is_better();
     vec![
         norm(
-            "value_gradient",
+            PARTS[0],
             "norm of the critics' part of the gradient of an opponent model, mean over the models",
         ),
         norm(
-            "entropy_gradient",
+            PARTS[1],
             "norm of the entropy's part of the gradient of an opponent model, mean over the models",
         ),
     ]
@@ -82,6 +85,7 @@ fn metrics() -> Vec<Metric> {
 #[derive(Debug, Clone)]
 pub struct OpponentGradients {
     learner: Learner<tdom_ac::Config>,
+    measuring: Plans,
 }
 
 /// Registers the agent.
@@ -97,9 +101,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// # Errors
 /// Those of `tdom_ac`.
 fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    Ok(Box::new(OpponentGradients {
-        learner: Learner::new(learning(config)?, interface, rng)?,
-    }))
+    Ok(Box::new(OpponentGradients::new(config, interface, rng)?))
 }
 
 fn learning(config: Config) -> Result<tdom_ac::Config, Error> {
@@ -130,62 +132,47 @@ fn learning(config: Config) -> Result<tdom_ac::Config, Error> {
 }
 
 impl OpponentGradients {
+    fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
+        Ok(Self {
+            learner: Learner::new(learning(config)?, interface, rng)?,
+            measuring: Plans::default(),
+        })
+    }
+
     /// Norms of both parts, mean over all opponent models.
-    fn parts(&mut self, rng: &mut Rng) -> (f64, f64) {
-        let untouched = self.learner.game.players.clone();
-        let mut norms = Vec::new();
-        for seat in 0..untouched.len() {
-            let batch = self.learner.game.batch(seat, rng);
-            for place in others(untouched.len(), seat).enumerate() {
-                norms.push(self.parts_of_model(seat, place, &batch, rng));
+    fn parts(&mut self, rng: &mut Rng) -> [f64; 2] {
+        let (learner, batches) = (&self.learner, self.learner.batches(rng));
+        let plan = self.measuring.of_rows(batches.n_rows, |equations| {
+            let game = &learner.game;
+            let updates = game.updates(&learner.config, equations, batches.n_rows, false);
+            equations.routine("parts");
+            let of_seats = updates
+                .iter()
+                .flat_map(|update| norms(&learner.algorithm, *update));
+            let of_models: Vec<[Expression<'_>; 2]> = of_seats.collect();
+            for (at, part) in PARTS.into_iter().enumerate() {
+                let norms: Vec<_> = of_models.iter().map(|norms| norms[at]).collect();
+                equations.output(part, equations.join(&norms).mean_columns());
             }
-        }
-        self.learner.game.players = untouched;
-        #[allow(clippy::cast_precision_loss, reason = "a handful of models")]
-        let mean = |of: fn(&(f64, f64)) -> f64| norms.iter().map(of).sum::<f64>() / norms.len() as f64;
-        (mean(|norms| norms.0), mean(|norms| norms.1))
+        });
+        batches.write(plan);
+        plan.run_seeded("parts", &mut learner.state.clone(), rng.next_u64());
+        PARTS.map(|part| plan.number(part))
     }
+}
 
-    /// Norms of both parts for the model `at` of a seat, which predicts the seat `other`.
-    fn parts_of_model(
-        &mut self,
-        seat: usize,
-        (at, other): (usize, usize),
-        batch: &SeatBatch,
-        rng: &mut Rng,
-    ) -> (f64, f64) {
-        let settings = Settings {
-            opponent_entropy_weight: 0.0,
-            ..self.learner.algorithm.settings
-        };
-        let value_alone = tdom_ac::Config {
-            settings,
-            ..self.learner.algorithm.clone()
-        };
-        let game = &mut self.learner.game;
-        let mut same_draws = rng.clone();
-        let value = match value_alone.opponent_objective {
-            OpponentObjective::Aligned => value_alone.aligned_loss(game, seat, (at, other), batch, rng),
-            OpponentObjective::Neutralised => value_alone.neutralised_loss(game, seat, at, batch, rng),
-        };
-        let seen = game.seen(seat, &batch.observations);
-        if value_alone.opponent_objective == OpponentObjective::Neutralised {
-            game.players[seat].draw_others(&seen, &mut same_draws);
-        }
-        let head = game.players[seat].opponents[at].tracked_head(seen);
-        let entropy = sample(head, &mut same_draws).log_density.mean();
-        (self.norm(seat, at, &value), self.norm(seat, at, &entropy))
-    }
-
-    /// Norm of a loss's gradient in the parameters of one opponent model.
-    fn norm(&self, seat: usize, at: usize, loss: &Tensor<1>) -> f64 {
-        let network = self.learner.game.players[seat].opponents[at].network();
-        let squares = gradients(network, &mut loss.backward())
-            .concat()
-            .into_iter()
-            .map(|g| f64::from(g) * f64::from(g));
-        squares.sum::<f64>().sqrt()
-    }
+/// Norms of both parts `[1, 1]` for each opponent model of a seat, with the same draws.
+fn norms<'e>(algorithm: &tdom_ac::Config, update: SeatUpdate<'_, 'e>) -> Vec<[Expression<'e>; 2]> {
+    let norms = |(at, other)| {
+        let parts = algorithm.opponent_objective(update, at, other);
+        [-parts.value.mean(), parts.log_density.mean()].map(|loss| {
+            let (equations, model) = (loss.equations(), update.player().opponents[at].network());
+            let gradients = equations.gradients(loss, &model.parameters(equations));
+            let squares: Vec<_> = gradients.iter().map(|g| g.square().sum()).collect();
+            equations.join(&squares).sum().sqrt()
+        })
+    };
+    update.opponents().map(norms).collect()
 }
 
 impl Agent for OpponentGradients {
@@ -200,11 +187,10 @@ impl Agent for OpponentGradients {
         record: &mut Recorder,
     ) -> Result<(), Error> {
         self.learner.learn(transitions, rng, &mut Recorder::default())?;
-        let starts = self.learner.algorithm.settings.learning_starts;
-        if self.learner.game.replay.len() as u64 >= starts {
-            let (value, entropy) = self.parts(rng);
-            record.latest("value_gradient", value);
-            record.latest("entropy_gradient", entropy);
+        if self.learner.replay.len() as u64 >= self.learner.config.learning_starts {
+            for (part, norm) in PARTS.into_iter().zip(self.parts(rng)) {
+                record.latest(part, norm);
+            }
         }
         Ok(())
     }
@@ -233,7 +219,7 @@ impl Agent for OpponentGradients {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared::coordination;
+    use crate::shared::{coordination, opponent_modelling::trials};
     use contract::random::stream;
 
     fn agent(opponent_objective: OpponentObjective) -> OpponentGradients {
@@ -243,14 +229,7 @@ mod tests {
             batch_size: 32,
             ..Config::default()
         };
-        OpponentGradients {
-            learner: Learner::new(
-                learning(config).unwrap(),
-                &coordination::game(),
-                &mut stream(&["learner"]),
-            )
-            .unwrap(),
-        }
+        OpponentGradients::new(config, &coordination::game(), &mut stream(&["learner"])).unwrap()
     }
 
     #[test]
@@ -259,7 +238,7 @@ mod tests {
         coordination::train(&mut agent, 4, &mut stream(&["train"]));
         let dirs = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
         agent.save(dirs[0].path()).unwrap();
-        let (value, entropy) = agent.parts(&mut stream(&["measure"]));
+        let [value, entropy] = agent.parts(&mut stream(&["measure"]));
         agent.save(dirs[1].path()).unwrap();
         assert!(value > 0.0 && entropy > 0.0);
         let files = || {
@@ -280,39 +259,25 @@ mod tests {
         for objective in [OpponentObjective::Aligned, OpponentObjective::Neutralised] {
             let mut agent = agent(objective);
             coordination::train(&mut agent, 4, &mut stream(&["train"]));
-            let batch = agent.learner.game.batch(0, &mut stream(&["batch"]));
-            let config = agent.learner.algorithm.clone();
-            let mut gradient = |weight: f64| {
-                let settings = Settings {
-                    opponent_entropy_weight: weight,
-                    ..config.settings
-                };
-                let (config, rng) = (
-                    tdom_ac::Config {
-                        settings,
-                        ..config.clone()
-                    },
-                    &mut stream(&["x"]),
-                );
-                let game = &mut agent.learner.game;
-                let loss = match objective {
-                    OpponentObjective::Aligned => config.aligned_loss(game, 0, (0, 1), &batch, rng),
-                    OpponentObjective::Neutralised => config.neutralised_loss(game, 0, 0, &batch, rng),
-                };
-                gradients(game.players[0].opponents[0].network(), &mut loss.backward()).concat()
+            let learner = &agent.learner;
+            let batch = learner.batches(&mut stream(&["batch"])).of_seats.remove(0);
+            let gradient = |weight: f64| {
+                let model = &learner.game.players[0].opponents[0];
+                trials::gradient(learner, model, &batch, |update| {
+                    learner.algorithm.opponent_objective(update, 0, 1).loss(weight)
+                })
             };
             let (both, value) = (gradient(1.0), gradient(0.0));
-            let difference = both
+            let norms = trials::computed(learner, 0, &batch, |update| {
+                let norms = norms(&learner.algorithm, update).remove(0);
+                norms[0].equations().join(&norms)
+            });
+            for (norm, part) in norms
                 .iter()
-                .zip(&value)
-                .map(|(both, value)| f64::from(both - value).powi(2))
-                .sum::<f64>()
-                .sqrt();
-            let norms = agent.parts_of_model(0, (0, 1), &batch, &mut stream(&["x"]));
-            assert!(
-                (norms.1 - difference).abs() < 1e-4 * difference,
-                "{norms:?} {difference}"
-            );
+                .zip([trials::norm(&value), trials::distance(&both, &value)])
+            {
+                assert!((norm - part).abs() < 1e-4 * part, "{norms:?} {part}");
+            }
         }
     }
 

@@ -37,12 +37,12 @@
 //! Metrics: those of [`crate::tdom_ac`] with the losses above.
 
 use crate::shared::opponent_modelling::{
-    Algorithm, Conditioning, Game, Learner, Origin, Player, SeatBatch, Settings, beside,
-    metrics as shared_metrics, others,
+    Algorithm, Conditioning, Game, Learner, Origin, SeatUpdate, Settings, acted, beside,
+    metrics as shared_metrics, predict,
 };
-use burn::tensor::Tensor;
-use contract::{Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
-use numerics::squashed::{mean_action, sample};
+use contract::{Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Preset, Registry, Rng};
+use numerics::equations::squashed::{Correction, sample};
+use plan::Expression;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -191,91 +191,64 @@ impl Algorithm for Config {
         &self.settings
     }
 
-    fn decide(
+    fn decide<'e>(
         &self,
         game: &Game,
         seat: usize,
-        observations: &Tensor<2>,
+        observations: Expression<'e>,
         mode: Mode,
-        rng: &mut Rng,
-    ) -> Tensor<2> {
-        let head = game.players[seat]
-            .policy
-            .acting_head(game.seen(seat, observations));
-        match mode {
-            Mode::Train => sample(head, rng).action,
-            Mode::Evaluate => mean_action(head),
-        }
+    ) -> Expression<'e> {
+        let policy = &game.players[seat].policy;
+        acted(policy.acting_head(game.seen(seat, observations)), mode)
     }
 
-    fn predict(&self, game: &Game, seat: usize, observations: &Tensor<2>, actions: &Tensor<2>) -> Tensor<2> {
-        let input = beside(&game.seen(seat, observations), vec![game.own(actions, seat)]);
-        let models = game.players[seat].opponents.iter();
-        Tensor::cat(
-            models
-                .map(|model| mean_action(model.acting_head(input.clone())))
-                .collect(),
-            1,
-        )
-    }
-
-    fn improve(
+    fn predict<'e>(
         &self,
-        game: &mut Game,
+        game: &Game,
         seat: usize,
-        batch: &SeatBatch,
-        rng: &mut Rng,
-        record: &mut Recorder,
-    ) -> Result<(), Error> {
-        let next_value = self.next_value(game, seat, batch, rng);
-        game.improve_critic(seat, batch, next_value, record)?;
-        let mut total = 0.0;
-        for (at, other) in others(game.players.len(), seat).enumerate() {
-            let loss = self.opponent_loss(game, seat, (at, other), batch, rng);
-            total += game.opponent_step(seat, at, &loss)?;
-        }
-        record.mean("opponent_loss", total);
-        let (loss, log_density) = self.policy_loss(game, seat, batch, rng);
-        game.improve_policy(seat, &loss, log_density, record)
+        observations: Expression<'e>,
+        actions: Expression<'e>,
+    ) -> Expression<'e> {
+        let own = game.own(actions, seat);
+        predict(game, seat, beside(game.seen(seat, observations), &[own]))
+    }
+
+    fn improve(&self, update: SeatUpdate<'_, '_>) {
+        update.improve_critic(self.next_value(update));
+        update.improve_opponents(|at, other| self.opponent_loss(update, at, other));
+        let (loss, log_density) = self.policy_loss(update);
+        update.improve_policy(loss, log_density);
     }
 }
 
 impl Config {
     /// Value at s' in the target: `Q_target - alpha log pi`, aggregated over the draws and, for `batch_mean`,
     /// over the batch.
-    fn next_value(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng) -> Tensor<2> {
-        let following = &batch.next_observations;
-        let seen = game.seen(seat, following);
-        let own = sample(game.players[seat].policy.plain_head(seen.clone()), rng);
-        let answers = self.answers(&mut game.players[seat], &seen, &own.action, rng);
-        let critic = &game.players[seat].critic;
-        let values = answers
-            .into_iter()
-            .map(|others| critic.target_value(following, game.joint(seat, own.action.clone(), others)));
+    fn next_value<'e>(&self, update: SeatUpdate<'_, 'e>) -> Expression<'e> {
+        let (player, following) = (update.player(), update.batch.next_observations);
+        let seen = update.seen(following);
+        let own = sample(player.policy.head(seen), Correction::Softened);
+        let answers = self.answers(update, seen, own.action).into_iter();
+        let values = answers.map(|others| {
+            let actions = update.joint(own.action, others);
+            player.critic.target_value(following, actions)
+        });
         let weight = self.critic_entropy_weight;
-        let value = self.joined(values.collect(), weight) - own.log_density * weight;
+        let value = self.joined(&values.collect::<Vec<_>>(), weight) - own.log_density * weight;
         match self.bootstrap {
             Bootstrap::PerState => value,
-            Bootstrap::BatchMean => value.zeros_like() + value.mean().unsqueeze(),
+            Bootstrap::BatchMean => value.mean(),
         }
     }
 
     /// `mean(alpha log rho - Q^i)`, or with `+ Q^i`, at the answer of one opponent to the own stored action.
-    fn opponent_loss(
-        &self,
-        game: &mut Game,
-        seat: usize,
-        (at, other): (usize, usize),
-        batch: &SeatBatch,
-        rng: &mut Rng,
-    ) -> Tensor<1> {
-        let input = beside(
-            &game.seen(seat, &batch.observations),
-            vec![game.own(&batch.actions, seat)],
-        );
-        let drawn = sample(game.players[seat].opponents[at].tracked_head(input), rng);
-        let actions = game.layout.with_action(&batch.actions, other, drawn.action);
-        let value = game.players[seat].critic.value(&batch.observations, actions);
+    fn opponent_loss<'e>(&self, update: SeatUpdate<'_, 'e>, at: usize, other: usize) -> Expression<'e> {
+        let (player, observations) = (update.player(), update.batch.observations);
+        let own = update.game.own(update.batch.actions, update.seat);
+        let head = player.opponents[at].head(beside(update.seen(observations), &[own]));
+        let drawn = sample(head, Correction::Softened);
+        let actions = update.exchanged(other, drawn.action);
+        let value = player.critic.value(observations, actions);
         let entropy = drawn.log_density * self.settings.opponent_entropy_weight;
         match self.opponent_objective {
             OpponentObjective::Maximise => (entropy - value).mean(),
@@ -284,57 +257,46 @@ impl Config {
     }
 
     /// `mean(alpha log pi - Q^i)` with the answers to the drawn action, and `log pi` `[batch, 1]`.
-    fn policy_loss(
-        &self,
-        game: &mut Game,
-        seat: usize,
-        batch: &SeatBatch,
-        rng: &mut Rng,
-    ) -> (Tensor<1>, Tensor<2>) {
-        let s = &batch.observations;
-        let seen = game.seen(seat, s);
-        let own = sample(game.players[seat].policy.tracked_head(seen.clone()), rng);
-        let answers = self.answers(&mut game.players[seat], &seen, &own.action, rng);
-        let critic = &game.players[seat].critic;
-        let values = answers
-            .into_iter()
-            .map(|others| critic.value(s, game.joint(seat, own.action.clone(), others)));
+    fn policy_loss<'e>(&self, update: SeatUpdate<'_, 'e>) -> (Expression<'e>, Expression<'e>) {
+        let (player, observations) = (update.player(), update.batch.observations);
+        let seen = update.seen(observations);
+        let own = sample(player.policy.head(seen), Correction::Softened);
+        let answers = self.answers(update, seen, own.action).into_iter();
+        let values = answers.map(|others| {
+            let actions = update.joint(own.action, others);
+            player.critic.value(observations, actions)
+        });
         let weight = self.settings.policy_entropy_weight;
-        let value = self.joined(values.collect(), weight);
-        ((own.log_density.clone() * weight - value).mean(), own.log_density)
+        let value = self.joined(&values.collect::<Vec<_>>(), weight);
+        ((own.log_density * weight - value).mean(), own.log_density)
     }
 
-    /// Answers of the opponents to an action: one action of each per draw. Gradients flow through them into
-    /// the action alone.
-    fn answers(
+    /// Answers of the opponents to an action: one action of each per draw.
+    fn answers<'e>(
         &self,
-        player: &mut Player,
-        observations: &Tensor<2>,
-        action: &Tensor<2>,
-        rng: &mut Rng,
-    ) -> Vec<Vec<Tensor<2>>> {
-        let input = beside(observations, vec![action.clone()]);
-        let heads: Vec<_> = player
-            .opponents
-            .iter_mut()
-            .map(|model| model.plain_head(input.clone()))
-            .collect();
-        let mut answer = |head: &Tensor<2>| sample(head.clone(), rng).action;
+        update: SeatUpdate<'_, 'e>,
+        seen: Expression<'e>,
+        action: Expression<'e>,
+    ) -> Vec<Vec<Expression<'e>>> {
+        let (models, input) = (&update.player().opponents, beside(seen, &[action]));
+        let heads: Vec<_> = models.iter().map(|model| model.head(input)).collect();
+        let answer = |head: &Expression<'e>| sample(*head, Correction::Softened).action;
         (0..self.opponent_samples)
-            .map(|_| heads.iter().map(&mut answer).collect())
+            .map(|_| heads.iter().map(answer).collect())
             .collect()
     }
 
+    /// Values of several draws `[batch, 1]` as one.
     #[allow(clippy::cast_precision_loss, reason = "a number of draws is far below 2^52")]
-    fn joined(&self, values: Vec<Tensor<2>>, entropy_weight: f64) -> Tensor<2> {
-        let (n, values) = (values.len() as f64, Tensor::cat(values, 1));
+    fn joined<'e>(&self, values: &[Expression<'e>], entropy_weight: f64) -> Expression<'e> {
+        let (n, values) = (values.len() as f64, values[0].equations().join(values));
         if self.joined_draws == JoinedDraws::Mean || entropy_weight == 0.0 {
-            return values.mean_dim(1);
+            return values.mean_columns();
         }
         let scaled = values / entropy_weight;
         // The largest value is subtracted so that no exponential overflows.
-        let greatest = scaled.clone().detach().max_dim(1);
-        ((scaled - greatest.clone()).exp().sum_dim(1).log() + greatest - n.ln()) * entropy_weight
+        let greatest = scaled.largest_of_columns();
+        ((scaled - greatest).exp().sum_columns().ln() + greatest - n.ln()) * entropy_weight
     }
 }
 
@@ -342,8 +304,7 @@ impl Config {
 mod tests {
     use super::*;
     use crate::shared::{coordination, opponent_modelling::trials};
-    use contract::random::stream;
-    use numerics::network::{matrix, values};
+    use plan::{Equations, Processor, State};
 
     fn tiny() -> Config {
         Config {
@@ -369,25 +330,24 @@ mod tests {
                 ..plain()
             });
             let batch = trials::batch(&mut learner, 8);
-            let got = values(learner.algorithm.clone().next_value(
-                &mut learner.game,
-                0,
-                &batch,
-                &mut stream(&["noise"]),
-            ));
-            let (s, rng) = (&batch.next_observations, &mut stream(&["noise"]));
-            let player = &mut learner.game.players[0];
-            let own = sample(player.policy.plain_head(s.clone()), rng);
-            let head = player.opponents[0].plain_head(Tensor::cat(vec![s.clone(), own.action.clone()], 1));
-            let mut q = || {
-                let answer = sample(head.clone(), rng).action;
-                player
-                    .critic
-                    .target_value(s, Tensor::cat(vec![own.action.clone(), answer], 1))
-            };
-            let mut want = values((q() + q()) * 0.5 - own.log_density.clone() * 0.3);
+            let mut got =
+                trials::computed(&learner, 0, &batch, |update| learner.algorithm.next_value(update));
+            let mut want = trials::computed(&learner, 0, &batch, |update| {
+                let (player, s) = (update.player(), update.batch.next_observations);
+                let draw = |head| sample(head, Correction::Softened);
+                let own = draw(player.policy.head(s));
+                let head = player.opponents[0].head(s.equations().join(&[s, own.action]));
+                let q = || {
+                    let answer = draw(head).action;
+                    let actions = s.equations().join(&[own.action, answer]);
+                    player.critic.target_value(s, actions)
+                };
+                (q() + q()) * 0.5 - own.log_density * 0.3
+            });
             if bootstrap == Bootstrap::BatchMean {
                 want = vec![want.iter().sum::<f32>() / 8.0; 8];
+                // One number for all rows.
+                got = vec![got[0]; 8];
             }
             assert!(
                 got.iter().zip(&want).all(|(got, want)| (got - want).abs() < 1e-5),
@@ -399,14 +359,17 @@ mod tests {
     #[test]
     fn draws_are_joined_by_hand() {
         let join = |joined_draws, weight| {
-            let draws = vec![matrix(vec![1.0, 0.0], 1), matrix(vec![3.0, 0.0], 1)];
-            values(
-                Config {
-                    joined_draws,
-                    ..plain()
-                }
-                .joined(draws, weight),
-            )
+            let equations = Equations::new();
+            let draws = [[1.0, 0.0], [3.0, 0.0]].map(|column| equations.constant([2, 1], &column));
+            equations.routine("join");
+            let config = Config {
+                joined_draws,
+                ..plain()
+            };
+            equations.output("joined", config.joined(&draws, weight));
+            let mut processor = Processor::<f32>::new(equations.into_graph());
+            processor.run("join", &mut State::default());
+            processor.entries("joined").to_vec()
         };
         assert_eq!(join(JoinedDraws::Mean, 2.0), [2.0, 0.0]);
         assert_eq!(join(JoinedDraws::LogMeanExp, 0.0), [2.0, 0.0]);
@@ -434,28 +397,15 @@ mod tests {
                 settings,
                 ..plain()
             };
-            let policy = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
-                learner
-                    .algorithm
-                    .clone()
-                    .policy_loss(&mut learner.game, 0, batch, rng)
-                    .0
-            };
             trials::assert_gradient(
                 config.clone(),
-                |learner| &mut learner.game.players[0].policy,
-                policy,
+                |player| &player.policy,
+                |update| config.policy_loss(update).0,
             );
-            let opponent = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
-                learner
-                    .algorithm
-                    .clone()
-                    .opponent_loss(&mut learner.game, 0, (0, 1), batch, rng)
-            };
             trials::assert_gradient(
-                config,
-                |learner| &mut learner.game.players[0].opponents[0],
-                opponent,
+                config.clone(),
+                |player| &player.opponents[0],
+                |update| config.opponent_loss(update, 0, 1),
             );
         }
     }
@@ -464,11 +414,14 @@ mod tests {
     fn losses_reach_one_network_alone() {
         let mut learner = trials::learner(plain());
         let batch = trials::batch(&mut learner, 8);
-        let config = learner.algorithm.clone();
-        let loss = config.opponent_loss(&mut learner.game, 0, (0, 1), &batch, &mut stream(&["noise"]));
-        trials::assert_reaches_only(&learner, &loss, "seat_0.opponent_0");
-        let (loss, _) = config.policy_loss(&mut learner.game, 1, &batch, &mut stream(&["noise"]));
-        trials::assert_reaches_only(&learner, &loss, "seat_1.policy");
+        let config = &learner.algorithm;
+        trials::assert_moves_only(&learner, 0, &batch, "seat_0.opponent_0", |update| {
+            update.improve_opponents(|at, other| config.opponent_loss(update, at, other));
+        });
+        trials::assert_moves_only(&learner, 1, &batch, "seat_1.policy", |update| {
+            let (loss, log_density) = config.policy_loss(update);
+            update.improve_policy(loss, log_density);
+        });
     }
 
     #[test]
@@ -481,13 +434,15 @@ mod tests {
             ..plain()
         });
         let batch = trials::batch(&mut learner, 8);
-        let mut gradient = |opponent_objective| {
+        let gradient = |opponent_objective| {
             let config = Config {
                 opponent_objective,
                 ..learner.algorithm.clone()
             };
-            let loss = config.opponent_loss(&mut learner.game, 0, (0, 1), &batch, &mut stream(&["noise"]));
-            trials::gradient(&learner.game.players[0].opponents[0], &loss)
+            let model = &learner.game.players[0].opponents[0];
+            trials::gradient(&learner, model, &batch, |update| {
+                config.opponent_loss(update, 0, 1)
+            })
         };
         let (up, down) = (
             gradient(OpponentObjective::Maximise),

@@ -27,15 +27,12 @@
 //! Metrics: those of [`crate::tdom_ac`] with the losses above, and `prior_loss`.
 
 use crate::shared::opponent_modelling::{
-    ActingPrediction, Algorithm, Conditioning, Game, GaussianNetwork, Learner, Origin, SeatBatch, Settings,
-    beside, decide, metrics as shared_metrics, others, policy_loss, predict,
+    ActingPrediction, Algorithm, Conditioning, Game, GaussianNetwork, Learner, Origin, SeatUpdate, Settings,
+    beside, decide, metrics as shared_metrics, policy_loss, predict,
 };
-use burn::tensor::Tensor;
-use contract::{Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
-use numerics::{
-    gaussian_head::{mean, standard_deviation},
-    squashed::{candidate_of, log_density, sample},
-};
+use contract::{Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Preset, Registry, Rng};
+use numerics::equations::squashed::{Correction, candidate_of, log_density, log_sd, mean, sample};
+use plan::Expression;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -116,117 +113,101 @@ impl Algorithm for Config {
         &self.settings
     }
 
-    fn decide(
+    fn decide<'e>(
         &self,
         game: &Game,
         seat: usize,
-        observations: &Tensor<2>,
+        observations: Expression<'e>,
         mode: Mode,
-        rng: &mut Rng,
-    ) -> Tensor<2> {
-        decide(game, seat, observations, self.acting_prediction, mode, rng)
+    ) -> Expression<'e> {
+        decide(game, seat, observations, self.acting_prediction, mode)
     }
 
-    fn predict(&self, game: &Game, seat: usize, observations: &Tensor<2>, _actions: &Tensor<2>) -> Tensor<2> {
-        predict(game, seat, observations)
-    }
-
-    fn improve(
+    fn predict<'e>(
         &self,
-        game: &mut Game,
+        game: &Game,
         seat: usize,
-        batch: &SeatBatch,
-        rng: &mut Rng,
-        record: &mut Recorder,
-    ) -> Result<(), Error> {
-        self.improve_prior(game, seat, batch, record)?;
-        let next_value = self.next_value(game, seat, batch, rng);
-        game.improve_critic(seat, batch, next_value, record)?;
-        let mut total = 0.0;
-        for (at, other) in others(game.players.len(), seat).enumerate() {
-            let loss = self.opponent_loss(game, seat, (at, other), batch, rng);
-            total += game.opponent_step(seat, at, &loss)?;
-        }
-        record.mean("opponent_loss", total);
-        let (loss, log_density) = policy_loss(game, seat, batch, self.settings.policy_entropy_weight, rng);
-        game.improve_policy(seat, &loss, log_density, record)
+        observations: Expression<'e>,
+        _actions: Expression<'e>,
+    ) -> Expression<'e> {
+        predict(game, seat, game.seen(seat, observations))
+    }
+
+    fn improve(&self, update: SeatUpdate<'_, '_>) {
+        self.improve_prior(update);
+        update.improve_critic(self.next_value(update));
+        update.improve_opponents(|at, other| self.opponent_loss(update, at, other));
+        let (loss, log_density) = policy_loss(update, self.settings.policy_entropy_weight);
+        update.improve_policy(loss, log_density);
     }
 }
 
 /// Prior of a seat.
-fn prior(game: &mut Game, seat: usize) -> &mut GaussianNetwork {
+fn prior(game: &Game, seat: usize) -> &GaussianNetwork {
     // This algorithm declares priors, so every seat has one.
-    game.players[seat].prior.as_mut().expect("a prior per seat")
+    game.players[seat].prior.as_ref().expect("a prior per seat")
+}
+
+/// Log density under the prior of a seat of candidates that another seat has drawn.
+fn expected<'e>(
+    game: &Game,
+    seat: usize,
+    observations: Expression<'e>,
+    candidate: Expression<'e>,
+) -> Expression<'e> {
+    let head = prior(game, seat).head(game.seen(seat, observations));
+    log_density(head, candidate, Correction::Softened)
 }
 
 impl Config {
     /// One step of the prior towards the seat's own stored actions.
-    fn improve_prior(
-        &self,
-        game: &mut Game,
-        seat: usize,
-        batch: &SeatBatch,
-        record: &mut Recorder,
-    ) -> Result<(), Error> {
-        let loss = self.prior_loss(game, seat, batch);
-        game.record_loss("prior_loss", &loss, record)?;
-        prior(game, seat).descend(&loss);
-        Ok(())
+    fn improve_prior(&self, update: SeatUpdate<'_, '_>) {
+        let loss = self.prior_loss(update);
+        update.output("prior_loss", loss);
+        prior(update.game, update.seat).descend(loss, update.settings);
     }
 
-    fn prior_loss(&self, game: &mut Game, seat: usize, batch: &SeatBatch) -> Tensor<1> {
-        let candidate = candidate_of(game.own(&batch.actions, seat));
-        let seen = game.seen(seat, &batch.observations);
-        let head = prior(game, seat).tracked_head(seen);
-        let squares = standard_deviation(head.clone()).square().mean() + mean(head.clone()).square().mean();
-        squares * self.prior_regularisation - log_density(head, candidate).mean()
+    fn prior_loss<'e>(&self, update: SeatUpdate<'_, 'e>) -> Expression<'e> {
+        let SeatUpdate {
+            game, seat, batch, ..
+        } = update;
+        let candidate = candidate_of(game.own(batch.actions, seat));
+        let head = prior(game, seat).head(update.seen(batch.observations));
+        let squares = log_sd(head).exp().square().mean() + mean(head).square().mean();
+        squares * self.prior_regularisation - log_density(head, candidate, Correction::Softened).mean()
     }
 
     /// Value at s' in the target: `Q_target - alpha log pi + sum_j (log P^j - log rho^j)`.
-    fn next_value(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng) -> Tensor<2> {
-        let following = &batch.next_observations;
-        let seen = game.seen(seat, following);
-        let draws = game.players[seat].draw_others(&seen, rng);
-        let predicted: Vec<_> = draws.iter().map(|draw| draw.action.clone()).collect();
-        let own = sample(
-            game.players[seat]
-                .policy
-                .plain_head(beside(&seen, predicted.clone())),
-            rng,
-        );
+    fn next_value<'e>(&self, update: SeatUpdate<'_, 'e>) -> Expression<'e> {
+        let (player, following) = (update.player(), update.batch.next_observations);
+        let seen = update.seen(following);
+        let draws = update.draw_others(seen);
+        let predicted: Vec<_> = draws.iter().map(|draw| draw.action).collect();
+        let head = player.policy.head(beside(seen, &predicted));
+        let own = sample(head, Correction::Softened);
         let mut value = own.log_density * -self.critic_entropy_weight;
-        for (draw, other) in draws.into_iter().zip(others(game.players.len(), seat)) {
-            let seen_by_other = game.seen(other, following);
-            let expected = log_density(prior(game, other).plain_head(seen_by_other), draw.candidate);
-            value = value + expected - draw.log_density;
+        for (at, other) in update.opponents() {
+            let expected = expected(update.game, other, following, draws[at].candidate);
+            value = value + expected - draws[at].log_density;
         }
-        let actions = game.joint(seat, own.action, predicted);
-        value + game.players[seat].critic.target_value(following, actions)
+        let actions = update.joint(own.action, predicted);
+        value + player.critic.target_value(following, actions)
     }
 
     /// `mean(log rho - log P^o - Q^i + alpha log pi(a^i))` with the stored actions of all seats but o.
-    fn opponent_loss(
-        &self,
-        game: &mut Game,
-        seat: usize,
-        (at, other): (usize, usize),
-        batch: &SeatBatch,
-        rng: &mut Rng,
-    ) -> Tensor<1> {
-        let s = &batch.observations;
-        let (seen, seen_by_other) = (game.seen(seat, s), game.seen(other, s));
-        let drawn = sample(game.players[seat].opponents[at].tracked_head(seen.clone()), rng);
-        let expected = log_density(prior(game, other).plain_head(seen_by_other), drawn.candidate);
-        let actions = game.layout.with_action(&batch.actions, other, drawn.action);
-        let of_others = others(game.players.len(), seat)
-            .map(|other| game.own(&actions, other))
-            .collect();
-        let own = candidate_of(game.own(&batch.actions, seat));
-        let log_pi = log_density(
-            game.players[seat].policy.plain_head(beside(&seen, of_others)),
-            own,
-        );
-        let value = game.players[seat].critic.value(s, actions);
+    fn opponent_loss<'e>(&self, update: SeatUpdate<'_, 'e>, at: usize, other: usize) -> Expression<'e> {
+        let SeatUpdate {
+            game, seat, batch, ..
+        } = update;
+        let (player, observations) = (update.player(), batch.observations);
+        let seen = update.seen(observations);
+        let drawn = sample(player.opponents[at].head(seen), Correction::Softened);
+        let expected = expected(game, other, observations, drawn.candidate);
+        let actions = update.exchanged(other, drawn.action);
+        let head = player.policy.head(beside(seen, &game.of_others(actions, seat)));
+        let own = candidate_of(game.own(batch.actions, seat));
+        let log_pi = log_density(head, own, Correction::Softened);
+        let value = player.critic.value(observations, actions);
         (drawn.log_density - expected - value + log_pi * self.settings.opponent_entropy_weight).mean()
     }
 }
@@ -235,8 +216,7 @@ impl Config {
 mod tests {
     use super::*;
     use crate::shared::{coordination, opponent_modelling::trials};
-    use contract::random::stream;
-    use numerics::network::values;
+    use plan::{Equations, Processor};
 
     fn tiny() -> Config {
         Config {
@@ -259,26 +239,18 @@ mod tests {
             ..plain()
         });
         let batch = trials::batch(&mut learner, 8);
-        let got = values(learner.algorithm.clone().next_value(
-            &mut learner.game,
-            0,
-            &batch,
-            &mut stream(&["noise"]),
-        ));
-        let (s, rng) = (&batch.next_observations, &mut stream(&["noise"]));
-        let player = &mut learner.game.players[0];
-        let other = sample(player.opponents[0].plain_head(s.clone()), rng);
-        let own = sample(
-            player
-                .policy
-                .plain_head(Tensor::cat(vec![s.clone(), other.action.clone()], 1)),
-            rng,
-        );
-        let q = player
-            .critic
-            .target_value(s, Tensor::cat(vec![own.action, other.action], 1));
-        let seen = log_density(prior(&mut learner.game, 1).plain_head(s.clone()), other.candidate);
-        let want = values(q - own.log_density * 0.3 + seen - other.log_density);
+        let got = trials::computed(&learner, 0, &batch, |update| learner.algorithm.next_value(update));
+        let want = trials::computed(&learner, 0, &batch, |update| {
+            let (player, s) = (update.player(), update.batch.next_observations);
+            let draw = |head| sample(head, Correction::Softened);
+            let other = draw(player.opponents[0].head(s));
+            let own = draw(player.policy.head(s.equations().join(&[s, other.action])));
+            let actions = s.equations().join(&[own.action, other.action]);
+            let q = player.critic.target_value(s, actions);
+            let head = prior(update.game, 1).head(s);
+            let seen = log_density(head, other.candidate, Correction::Softened);
+            q - own.log_density * 0.3 + seen - other.log_density
+        });
         assert!(
             got.iter().zip(&want).all(|(got, want)| (got - want).abs() < 1e-4),
             "{got:?} {want:?}"
@@ -292,27 +264,22 @@ mod tests {
                 input_normalisation,
                 ..trials::plain()
             };
-            let config = Config { settings, ..plain() };
-            // Through the prior's density of the draw, the critic and the policy's condition.
-            let opponent = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
-                learner
-                    .algorithm
-                    .clone()
-                    .opponent_loss(&mut learner.game, 0, (0, 1), batch, rng)
+            let config = Config {
+                prior_regularisation: 0.1,
+                settings,
+                ..plain()
             };
+            // Through the prior's density of the draw, the critic and the policy's condition.
             trials::assert_gradient(
                 config.clone(),
-                |learner| &mut learner.game.players[0].opponents[0],
-                opponent,
+                |player| &player.opponents[0],
+                |update| config.opponent_loss(update, 0, 1),
             );
-            let of_prior = |learner: &mut Learner<Config>, batch: &SeatBatch, _: &mut Rng| {
-                Config {
-                    prior_regularisation: 0.1,
-                    ..plain()
-                }
-                .prior_loss(&mut learner.game, 0, batch)
-            };
-            trials::assert_gradient(config, |learner| prior(&mut learner.game, 0), of_prior);
+            trials::assert_gradient(
+                config.clone(),
+                |player| player.prior.as_ref().unwrap(),
+                |update| config.prior_loss(update),
+            );
         }
     }
 
@@ -320,11 +287,13 @@ mod tests {
     fn losses_reach_one_network_alone() {
         let mut learner = trials::learner(plain());
         let batch = trials::batch(&mut learner, 8);
-        let config = learner.algorithm.clone();
-        let loss = config.opponent_loss(&mut learner.game, 0, (0, 1), &batch, &mut stream(&["noise"]));
-        trials::assert_reaches_only(&learner, &loss, "seat_0.opponent_0");
-        let loss = config.prior_loss(&mut learner.game, 1, &batch);
-        trials::assert_reaches_only(&learner, &loss, "seat_1.prior");
+        let config = &learner.algorithm;
+        trials::assert_moves_only(&learner, 0, &batch, "seat_0.opponent_0", |update| {
+            update.improve_opponents(|at, other| config.opponent_loss(update, at, other));
+        });
+        trials::assert_moves_only(&learner, 1, &batch, "seat_1.prior", |update| {
+            config.improve_prior(update);
+        });
     }
 
     #[test]
@@ -337,15 +306,17 @@ mod tests {
             ..tiny()
         });
         let batch = trials::batch(&mut learner, 32);
-        let mut record = Recorder::default();
-        let before = values(learner.algorithm.prior_loss(&mut learner.game, 0, &batch))[0];
-        let config = learner.algorithm.clone();
-        (0..100).for_each(|_| {
-            config
-                .improve_prior(&mut learner.game, 0, &batch, &mut record)
-                .unwrap();
+        let equations = Equations::new();
+        learner
+            .algorithm
+            .improve_prior(trials::begin(&learner, 0, 32, &equations));
+        let mut plan = Processor::<f32>::new(equations.into_graph());
+        batch.write(&mut plan);
+        let mut losses = (0..101).map(|_| {
+            plan.run("loss", &mut learner.state);
+            plan.number("seat_0.prior_loss")
         });
-        let after = values(config.prior_loss(&mut learner.game, 0, &batch))[0];
+        let (before, after) = (losses.next().unwrap(), losses.last().unwrap());
         assert!(after < before - 0.2, "{before} {after}");
     }
 

@@ -5,7 +5,7 @@
 //!
 //! | thesis | here | shape |
 //! |---|---|---|
-//! | s, a, r^i | [`SeatBatch`] | `[batch, ..]` |
+//! | s, a, r^i | `batch` of a [`SeatUpdate`] | `[batch, ..]` |
 //! | a_hat^-i ~ rho^i(. given s) | `predicted`, one draw per opponent | `[batch, n_j]` each |
 //! | a_hat^i ~ pi^i(. given s, a_hat^-i) | `own` | `[batch, n_i]` |
 //! | alpha | `policy_entropy_weight` (4.16), `opponent_entropy_weight` (4.22), `critic_entropy_weight` (4.13) | scalars |
@@ -32,12 +32,12 @@
 //! `-mean(log pi)`. In evaluation `opponent_prediction_error`, per seat.
 
 use crate::shared::opponent_modelling::{
-    ActingPrediction, Algorithm, Conditioning, Game, Learner, Origin, SeatBatch, Settings, beside, decide,
-    metrics as shared_metrics, others, policy_loss, predict,
+    ActingPrediction, Algorithm, Conditioning, Game, Learner, Origin, SeatUpdate, Settings, beside, decide,
+    metrics as shared_metrics, policy_loss, predict,
 };
-use burn::tensor::Tensor;
-use contract::{Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
-use numerics::squashed::sample;
+use contract::{Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Preset, Registry, Rng};
+use numerics::equations::squashed::{Correction, sample};
+use plan::Expression;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -133,128 +133,111 @@ impl Algorithm for Config {
         &self.settings
     }
 
-    fn decide(
+    fn decide<'e>(
         &self,
         game: &Game,
         seat: usize,
-        observations: &Tensor<2>,
+        observations: Expression<'e>,
         mode: Mode,
-        rng: &mut Rng,
-    ) -> Tensor<2> {
-        decide(game, seat, observations, self.acting_prediction, mode, rng)
+    ) -> Expression<'e> {
+        decide(game, seat, observations, self.acting_prediction, mode)
     }
 
-    fn predict(&self, game: &Game, seat: usize, observations: &Tensor<2>, _actions: &Tensor<2>) -> Tensor<2> {
-        predict(game, seat, observations)
-    }
-
-    fn improve(
+    fn predict<'e>(
         &self,
-        game: &mut Game,
+        game: &Game,
         seat: usize,
-        batch: &SeatBatch,
-        rng: &mut Rng,
-        record: &mut Recorder,
-    ) -> Result<(), Error> {
-        let next_value = self.next_value(game, seat, batch, rng);
-        game.improve_critic(seat, batch, next_value, record)?;
-        self.improve_opponents(game, seat, batch, rng, record)?;
-        let (loss, log_density) = policy_loss(game, seat, batch, self.settings.policy_entropy_weight, rng);
-        game.improve_policy(seat, &loss, log_density, record)
+        observations: Expression<'e>,
+        _actions: Expression<'e>,
+    ) -> Expression<'e> {
+        predict(game, seat, game.seen(seat, observations))
+    }
+
+    fn improve(&self, update: SeatUpdate<'_, '_>) {
+        update.improve_critic(self.next_value(update));
+        update.improve_opponents(|at, other| {
+            self.opponent_objective(update, at, other)
+                .loss(self.settings.opponent_entropy_weight)
+        });
+        let (loss, log_density) = policy_loss(update, self.settings.policy_entropy_weight);
+        update.improve_policy(loss, log_density);
+    }
+}
+
+/// Parts of the objective of an opponent model, `[batch, 1]` each.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Parts<'e> {
+    /// `log rho` of the model's draws.
+    pub(crate) log_density: Expression<'e>,
+    /// What the critics say of them.
+    pub(crate) value: Expression<'e>,
+}
+
+impl<'e> Parts<'e> {
+    /// `mean(alpha log rho - Q)`.
+    pub(crate) fn loss(self, entropy_weight: f64) -> Expression<'e> {
+        (self.log_density * entropy_weight - self.value).mean()
     }
 }
 
 impl Config {
     /// Value at s' in the target of eq. 4.13: `Q_target - alpha (log pi + sum log rho)`.
-    fn next_value(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng) -> Tensor<2> {
-        let following = &batch.next_observations;
-        let seen = game.seen(seat, following);
-        let player = &mut game.players[seat];
-        let draws = player.draw_others(&seen, rng);
-        let predicted: Vec<_> = draws.iter().map(|draw| draw.action.clone()).collect();
-        let own = sample(player.policy.plain_head(beside(&seen, predicted.clone())), rng);
-        let log_density = draws
-            .into_iter()
-            .fold(own.log_density, |sum, draw| sum + draw.log_density);
-        let actions = game.joint(seat, own.action, predicted);
-        game.players[seat].critic.target_value(following, actions) - log_density * self.critic_entropy_weight
+    fn next_value<'e>(&self, update: SeatUpdate<'_, 'e>) -> Expression<'e> {
+        let (player, following) = (update.player(), update.batch.next_observations);
+        let seen = update.seen(following);
+        let draws = update.draw_others(seen);
+        let predicted: Vec<_> = draws.iter().map(|draw| draw.action).collect();
+        let head = player.policy.head(beside(seen, &predicted));
+        let own = sample(head, Correction::Softened);
+        let densities = draws.iter().map(|draw| draw.log_density);
+        let log_density = densities.fold(own.log_density, |sum, one| sum + one);
+        let actions = update.joint(own.action, predicted);
+        player.critic.target_value(following, actions) - log_density * self.critic_entropy_weight
     }
 
-    fn improve_opponents(
+    /// Objective of the opponent model `at`, which predicts the seat `other`.
+    pub(crate) fn opponent_objective<'e>(
         &self,
-        game: &mut Game,
-        seat: usize,
-        batch: &SeatBatch,
-        rng: &mut Rng,
-        record: &mut Recorder,
-    ) -> Result<(), Error> {
-        let mut total = 0.0;
-        for (at, other) in others(game.players.len(), seat).enumerate() {
-            let loss = match self.opponent_objective {
-                OpponentObjective::Aligned => self.aligned_loss(game, seat, (at, other), batch, rng),
-                OpponentObjective::Neutralised => self.neutralised_loss(game, seat, at, batch, rng),
-            };
-            total += game.opponent_step(seat, at, &loss)?;
-        }
-        record.mean("opponent_loss", total);
-        Ok(())
-    }
-
-    /// Eq. 4.22 for one opponent as a loss: `mean(alpha log rho - Q^j)`, with the stored actions of all seats
-    /// but j.
-    pub(crate) fn aligned_loss(
-        &self,
-        game: &mut Game,
-        seat: usize,
-        (at, other): (usize, usize),
-        batch: &SeatBatch,
-        rng: &mut Rng,
-    ) -> Tensor<1> {
-        let seen = game.seen(seat, &batch.observations);
-        let drawn = sample(game.players[seat].opponents[at].tracked_head(seen), rng);
-        let actions = game.layout.with_action(&batch.actions, other, drawn.action);
-        let value = game.players[other].critic.value(&batch.observations, actions);
-        (drawn.log_density * self.settings.opponent_entropy_weight - value).mean()
-    }
-
-    /// Eq. 4.17 for one opponent as a loss: `mean(alpha log rho - sum of all Q)`, with predicted actions of
-    /// all others.
-    pub(crate) fn neutralised_loss(
-        &self,
-        game: &mut Game,
-        seat: usize,
+        update: SeatUpdate<'_, 'e>,
         at: usize,
-        batch: &SeatBatch,
-        rng: &mut Rng,
-    ) -> Tensor<1> {
-        let seen = game.seen(seat, &batch.observations);
-        let player = &mut game.players[seat];
-        let mut predicted: Vec<_> = player
-            .draw_others(&seen, rng)
-            .into_iter()
-            .map(|draw| draw.action)
-            .collect();
-        let drawn = sample(player.opponents[at].tracked_head(seen.clone()), rng);
-        predicted[at] = drawn.action.clone().detach();
-        let own = sample(
-            player
-                .policy
-                .plain_head(beside(&seen, predicted.clone()).detach()),
-            rng,
-        )
-        .action
-        .detach();
-        predicted[at] = drawn.action;
-        let actions = game.joint(seat, own, predicted);
-        let critics = game
-            .players
-            .iter()
-            .map(|player| player.critic.value(&batch.observations, actions.clone()));
-        let loss = critics.fold(
-            drawn.log_density * self.settings.opponent_entropy_weight,
-            |sum, value| sum - value,
-        );
-        loss.mean()
+        other: usize,
+    ) -> Parts<'e> {
+        match self.opponent_objective {
+            OpponentObjective::Aligned => aligned(update, at, other),
+            OpponentObjective::Neutralised => neutralised(update, at),
+        }
+    }
+}
+
+/// Eq. 4.22: the critic of the seat `other`, with the stored actions of all seats but it.
+fn aligned<'e>(update: SeatUpdate<'_, 'e>, at: usize, other: usize) -> Parts<'e> {
+    let observations = update.batch.observations;
+    let head = update.player().opponents[at].head(update.seen(observations));
+    let drawn = sample(head, Correction::Softened);
+    let actions = update.exchanged(other, drawn.action);
+    Parts {
+        log_density: drawn.log_density,
+        value: update.game.players[other].critic.value(observations, actions),
+    }
+}
+
+/// Eq. 4.17: the sum of the critics of all seats, with predicted actions of all others.
+fn neutralised<'e>(update: SeatUpdate<'_, 'e>, at: usize) -> Parts<'e> {
+    let (player, observations) = (update.player(), update.batch.observations);
+    let seen = update.seen(observations);
+    let draws = update.draw_others(seen);
+    let mut predicted: Vec<_> = draws.iter().map(|draw| draw.action).collect();
+    let drawn = sample(player.opponents[at].head(seen), Correction::Softened);
+    predicted[at] = drawn.action;
+    let own = sample(player.policy.head(beside(seen, &predicted)), Correction::Softened);
+    // The own action is a constant.
+    let actions = update.joint(own.action.stop_gradient(), predicted);
+    let critics = update.game.players.iter();
+    let values = critics.map(|player| player.critic.value(observations, actions));
+    Parts {
+        log_density: drawn.log_density,
+        // A game has players.
+        value: values.reduce(|sum, value| sum + value).expect("a player"),
     }
 }
 
@@ -262,11 +245,6 @@ impl Config {
 mod tests {
     use super::*;
     use crate::shared::{coordination, opponent_modelling::trials};
-    use contract::random::stream;
-    use numerics::{
-        network::values,
-        parameters::{parameters, with_parameters},
-    };
 
     fn tiny() -> Config {
         Config {
@@ -293,28 +271,16 @@ mod tests {
             ..plain()
         });
         let batch = trials::batch(&mut learner, 8);
-        let got = values(learner.algorithm.clone().next_value(
-            &mut learner.game,
-            1,
-            &batch,
-            &mut stream(&["noise"]),
-        ));
-        let (player, s, rng) = (
-            &mut learner.game.players[1],
-            &batch.next_observations,
-            &mut stream(&["noise"]),
-        );
-        let other = sample(player.opponents[0].plain_head(s.clone()), rng);
-        let own = sample(
-            player
-                .policy
-                .plain_head(Tensor::cat(vec![s.clone(), other.action.clone()], 1)),
-            rng,
-        );
-        let q = player
-            .critic
-            .target_value(s, Tensor::cat(vec![other.action, own.action], 1));
-        let want = values(q - (own.log_density + other.log_density) * 0.3);
+        let got = trials::computed(&learner, 1, &batch, |update| learner.algorithm.next_value(update));
+        let want = trials::computed(&learner, 1, &batch, |update| {
+            let (player, s) = (update.player(), update.batch.next_observations);
+            let draw = |head| sample(head, Correction::Softened);
+            let other = draw(player.opponents[0].head(s));
+            let own = draw(player.policy.head(s.equations().join(&[s, other.action])));
+            let actions = s.equations().join(&[other.action, own.action]);
+            let q = player.critic.target_value(s, actions);
+            q - (own.log_density + other.log_density) * 0.3
+        });
         assert!(
             got.iter().zip(&want).all(|(got, want)| (got - want).abs() < 1e-5),
             "{got:?} {want:?}"
@@ -329,39 +295,36 @@ mod tests {
                 ..trials::plain()
             };
             let config = Config { settings, ..plain() };
-            let aligned = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
-                learner
-                    .algorithm
-                    .clone()
-                    .aligned_loss(&mut learner.game, 0, (0, 1), batch, rng)
-            };
             trials::assert_gradient(
                 config.clone(),
-                |learner| &mut learner.game.players[0].opponents[0],
-                aligned,
+                |player| &player.opponents[0],
+                |update| aligned(update, 0, 1).loss(1.0),
             );
-            let policy = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
-                policy_loss(&mut learner.game, 0, batch, 0.7, rng).0
-            };
             trials::assert_gradient(
-                config.clone(),
-                |learner| &mut learner.game.players[0].policy,
-                policy,
+                config,
+                |player| &player.policy,
+                |update| policy_loss(update, 0.7).0,
             );
         }
     }
 
     #[test]
     fn losses_reach_one_network_alone() {
-        let mut learner = learner(plain());
-        let batch = trials::batch(&mut learner, 8);
-        let config = learner.algorithm.clone();
-        let loss = config.aligned_loss(&mut learner.game, 0, (0, 1), &batch, &mut stream(&["noise"]));
-        trials::assert_reaches_only(&learner, &loss, "seat_0.opponent_0");
-        let loss = config.neutralised_loss(&mut learner.game, 0, 0, &batch, &mut stream(&["noise"]));
-        trials::assert_reaches_only(&learner, &loss, "seat_0.opponent_0");
-        let (loss, _) = policy_loss(&mut learner.game, 0, &batch, 1.0, &mut stream(&["noise"]));
-        trials::assert_reaches_only(&learner, &loss, "seat_0.policy");
+        for opponent_objective in [OpponentObjective::Aligned, OpponentObjective::Neutralised] {
+            let mut learner = learner(Config {
+                opponent_objective,
+                ..plain()
+            });
+            let batch = trials::batch(&mut learner, 8);
+            let config = &learner.algorithm;
+            trials::assert_moves_only(&learner, 0, &batch, "seat_0.opponent_0", |update| {
+                update.improve_opponents(|at, other| config.opponent_objective(update, at, other).loss(1.0));
+            });
+            trials::assert_moves_only(&learner, 0, &batch, "seat_0.policy", |update| {
+                let (loss, log_density) = policy_loss(update, 1.0);
+                update.improve_policy(loss, log_density);
+            });
+        }
     }
 
     /// Theorem 1: where the second critic is minus the first, the neutralised objective has the gradient of
@@ -370,36 +333,30 @@ mod tests {
     fn opposed_critics_neutralise_the_gradient_of_eq_4_17_and_not_that_of_4_22() {
         let mut learner = learner(plain());
         let batch = trials::batch(&mut learner, 16);
-        let mut opposed = parameters(learner.game.players[0].critic.network());
-        opposed[4..]
-            .iter_mut()
-            .flat_map(|parameter| &mut parameter.values)
-            .for_each(|x| *x = -*x);
-        let network = with_parameters(learner.game.players[0].critic.network().clone(), &opposed).unwrap();
-        learner.game.players[1]
-            .critic
-            .set_network(network, &learner.algorithm.settings);
-        let rng = || stream(&["draws"]);
-        let entropy = |learner: &mut Learner<Config>| {
-            let mut rng = rng();
-            learner.game.players[0].draw_others(&batch.observations, &mut rng);
-            let head = learner.game.players[0].opponents[0].tracked_head(batch.observations.clone());
-            trials::gradient(
-                &learner.game.players[0].opponents[0],
-                &sample(head, &mut rng).log_density.mean(),
-            )
+        let critics = [0, 1].map(|seat: usize| learner.game.players[seat].critic.network().parameter_names());
+        for (at, (of_one, of_other)) in critics[0].iter().zip(&critics[1]).enumerate() {
+            // Minus the last layer, which has a weight and a bias.
+            let sign = if at < 4 { 1.0 } else { -1.0 };
+            let opposed: Vec<f32> = learner.state.entries(of_one).iter().map(|x| sign * x).collect();
+            learner.state.entries_mut(of_other).copy_from_slice(&opposed);
+        }
+        let model = &learner.game.players[0].opponents[0];
+        let of = |write: &dyn for<'e> Fn(SeatUpdate<'_, 'e>) -> Expression<'e>| {
+            trials::gradient(&learner, model, &batch, write)
         };
-        let config = learner.algorithm.clone();
-        let neutralised = config.neutralised_loss(&mut learner.game, 0, 0, &batch, &mut rng());
-        let neutralised = trials::gradient(&learner.game.players[0].opponents[0], &neutralised);
-        let entropy_alone = entropy(&mut learner);
-        assert!(trials::distance(&neutralised, &entropy_alone) < 1e-6 * (1.0 + trials::norm(&entropy_alone)));
-        let aligned = config.aligned_loss(&mut learner.game, 0, (0, 1), &batch, &mut rng());
-        let aligned = trials::gradient(&learner.game.players[0].opponents[0], &aligned);
-        let head = learner.game.players[0].opponents[0].tracked_head(batch.observations.clone());
-        let entropy_alone = sample(head, &mut rng()).log_density.mean();
-        let entropy_alone = trials::gradient(&learner.game.players[0].opponents[0], &entropy_alone);
-        assert!(trials::distance(&aligned, &entropy_alone) > 0.01);
+        let loss_and_entropy = |opponent_objective| {
+            let config = Config {
+                opponent_objective,
+                ..plain()
+            };
+            let loss = of(&|update| config.opponent_objective(update, 0, 1).loss(1.0));
+            let entropy = of(&|update| config.opponent_objective(update, 0, 1).log_density.mean());
+            (loss, entropy)
+        };
+        let (neutralised, entropy) = loss_and_entropy(OpponentObjective::Neutralised);
+        assert!(trials::distance(&neutralised, &entropy) < 1e-6 * (1.0 + trials::norm(&entropy)));
+        let (aligned, entropy) = loss_and_entropy(OpponentObjective::Aligned);
+        assert!(trials::distance(&aligned, &entropy) > 0.01);
     }
 
     #[test]

@@ -448,16 +448,16 @@ impl<T: Scalar> Processor<T> {
                     sum_rows(group, sums, &mut self.chains);
                 }
             }
-            Operation::ClipScale { largest } => {
-                let squares = node
-                    .operands
-                    .iter()
-                    .map(|it| T::sum_of_squares(self.memory.of(*it)));
-                let norm = squares.fold(0.0, |sum, squares| sum + squares).sqrt();
-                result[0] = T::of(if norm > largest { largest / norm } else { 1.0 });
-            }
+            Operation::ClipScale { largest } => result[0] = self.clip_scale(&node.operands, largest),
             ref other => unreachable!("{other} is executed elsewhere"),
         }
+    }
+
+    /// 1, or where the joint norm of all values exceeds `largest`, the quotient of both.
+    fn clip_scale(&self, values: &[Value], largest: f64) -> T {
+        let squares = values.iter().map(|it| T::sum_of_squares(self.memory.of(*it)));
+        let norm = squares.fold(0.0, |sum, squares| sum + squares).sqrt();
+        T::of(if norm > largest { largest / norm } else { 1.0 })
     }
 
     fn update(&mut self, update: &Update, state: &mut State<T>) {

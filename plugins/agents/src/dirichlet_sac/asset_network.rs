@@ -14,18 +14,18 @@
 //! | policy | `head(h_i, h)` | `[batch, assets]` |
 //! | critic | `head(h)`, where x_i also holds the share of asset i | `[batch, 1]` |
 
-use crate::shared::{checkpoint, replay::Batch, seat};
-use burn::{
-    module::Module,
-    tensor::{Device, Tensor},
-};
+use crate::shared::{batch::BatchRows, checkpoint, seat};
 use contract::{Channel, Error};
 use numerics::{
-    network::{Activation, Mlp, matrix, values},
-    parameters::{restore, store},
+    equations::{
+        network::Network,
+        state_file::{restore_network, store_network},
+    },
+    network::Activation,
     policy_file::{FILE_NAME, Head, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
+use plan::{Expression, State};
 use rand::{RngCore, seq::SliceRandom};
 use serde_json::json;
 use std::path::Path;
@@ -73,45 +73,37 @@ impl AssetChannels {
         })
     }
 
-    /// Transitions with permuted assets: each has its own order, drawn uniformly, which applies to the
+    /// Permutes the assets of transitions: each has its own order, drawn uniformly, which applies to the
     /// observations before and after the step and to the shares.
-    pub fn permuted(&self, batch: Batch, rng: &mut impl RngCore) -> Batch {
-        let orders: Vec<Vec<usize>> = (0..batch.actions.dims()[0])
+    pub fn permute(&self, batch: &mut BatchRows, rng: &mut impl RngCore) {
+        let orders: Vec<Vec<usize>> = (0..batch.n_rows)
             .map(|_| {
                 let mut order: Vec<usize> = (0..self.n_assets).collect();
                 order.shuffle(rng);
                 order
             })
             .collect();
-        Batch {
-            observations: reordered(&batch.observations, &self.blocks, &orders),
-            actions: reordered(&batch.actions, &[0], &orders),
-            next_observations: reordered(&batch.next_observations, &self.blocks, &orders),
-            ..batch
-        }
+        reorder(&mut batch.observations, &self.blocks, &orders);
+        reorder(&mut batch.actions, &[0], &orders);
+        reorder(&mut batch.next_observations, &self.blocks, &orders);
     }
 
     /// Own, mean and common features of each asset, with `more` as further own ones: `[batch * assets,
     /// features]`.
-    fn features(&self, observations: &Tensor<2>, more: Option<Tensor<2>>) -> Tensor<2> {
-        let batch = observations.dims()[0];
-        let rows = batch * self.n_assets;
-        let spread = |column: Tensor<2>| column.expand([batch, self.n_assets]).reshape([rows, 1]);
+    fn features<'e>(&self, observations: Expression<'e>, more: Option<Expression<'e>>) -> Expression<'e> {
+        let n_rows = observations.n_rows() * self.n_assets;
         let mut columns = Vec::new();
-        for &first in &self.blocks {
-            let block = observations
-                .clone()
-                .slice([0..batch, first..first + self.n_assets]);
-            columns.push(spread(block.clone().mean_dim(1)));
-            columns.push(block.reshape([rows, 1]));
+        for first in &self.blocks {
+            let block = observations.columns(*first..first + self.n_assets);
+            columns.push(block.mean_columns().repeat_rows(self.n_assets));
+            columns.push(block.reshape([n_rows, 1]));
         }
-        for &channel in &self.common {
-            columns.push(spread(
-                observations.clone().slice([0..batch, channel..channel + 1]),
-            ));
+        for channel in &self.common {
+            let common = observations.columns(*channel..channel + 1);
+            columns.push(common.repeat_rows(self.n_assets));
         }
-        columns.extend(more.map(|block| block.reshape([rows, 1])));
-        Tensor::cat(columns, 1)
+        columns.extend(more.map(|block| block.reshape([n_rows, 1])));
+        observations.equations().join(&columns)
     }
 
     /// Reads a policy file, if its network acts on these channels: on as many assets, or on another number of
@@ -168,32 +160,22 @@ impl AssetChannels {
     }
 
     /// Mean over the assets: `[batch * assets, width]` to `[batch, width]`.
-    fn pool(&self, features: Tensor<2>) -> Tensor<2> {
-        let [rows, width] = features.dims();
-        features
-            .reshape([rows / self.n_assets, self.n_assets, width])
-            .mean_dim(1)
-            .reshape([rows / self.n_assets, width])
+    #[allow(clippy::cast_precision_loss, reason = "a number of assets is far below 2^52")]
+    fn pool<'e>(&self, features: Expression<'e>) -> Expression<'e> {
+        features.sum_groups(self.n_assets) / self.n_assets as f64
     }
 
     /// Each asset's own features and the pooled ones side by side: `[batch * assets, 2 width]`.
-    fn beside(&self, features: Tensor<2>) -> Tensor<2> {
-        let [rows, width] = features.dims();
-        let batch = rows / self.n_assets;
-        let pooled =
-            self.pool(features.clone())
-                .reshape([batch, 1, width])
-                .expand([batch, self.n_assets, width]);
-        Tensor::cat(vec![features, pooled.reshape([rows, width])], 1)
+    fn beside<'e>(&self, features: Expression<'e>) -> Expression<'e> {
+        let pooled = self.pool(features).repeat_rows(self.n_assets);
+        features.equations().join(&[features, pooled])
     }
 }
 
-/// Rows in which each block of neighbouring columns, which begin at `blocks`, is permuted by the order of the
-/// row.
-fn reordered(rows: &Tensor<2>, blocks: &[usize], orders: &[Vec<usize>]) -> Tensor<2> {
-    let length = rows.dims()[1];
-    let mut moved = values(rows.clone());
-    for (row, order) in moved.chunks_mut(length).zip(orders) {
+/// Permutes each block of neighbouring columns, which begin at `blocks`, by the order of the row.
+fn reorder(rows: &mut [f32], blocks: &[usize], orders: &[Vec<usize>]) {
+    let length = rows.len() / orders.len();
+    for (row, order) in rows.chunks_mut(length).zip(orders) {
         let before = row.to_vec();
         for first in blocks {
             for (to, from) in order.iter().enumerate() {
@@ -201,7 +183,6 @@ fn reordered(rows: &Tensor<2>, blocks: &[usize], orders: &[Vec<usize>]) -> Tenso
             }
         }
     }
-    matrix(moved, length)
 }
 
 fn begins_block(channels: &[Channel], n_assets: usize) -> bool {
@@ -214,21 +195,36 @@ fn begins_block(channels: &[Channel], n_assets: usize) -> bool {
 }
 
 /// Policy network from an observation to the parameters of the shares.
-#[derive(Module, Debug)]
+#[derive(Debug, Clone)]
 pub struct AssetPolicy {
-    encoder: Mlp,
-    head: Mlp,
+    channels: AssetChannels,
+    encoder: Network,
+    head: Network,
 }
 
 impl AssetPolicy {
-    /// Creates a policy with one hidden layer of `width` in the encoder and one in the head. Between them
+    /// Describes a policy with one hidden layer of `width` in the encoder and one in the head. Between them
     /// `width` linear features are pooled.
-    pub fn new(channels: &AssetChannels, width: usize, rng: &mut impl RngCore, device: &Device) -> Self {
+    #[must_use]
+    pub fn new(name: &str, channels: &AssetChannels, width: usize) -> Self {
         let (encoder, head) = ([channels.n_features(), width, width], [2 * width, width, 1]);
         Self {
-            encoder: Mlp::new(&encoder, &[Activation::LeakyRelu], 1.0, rng, device),
-            head: Mlp::new(&head, &[Activation::LeakyRelu], 1.0, rng, device),
+            encoder: two_layers(format!("{name}.encoder"), encoder),
+            head: two_layers(format!("{name}.head"), head),
+            channels: channels.clone(),
         }
+    }
+
+    /// Fully connected networks that it is made of.
+    #[must_use]
+    pub fn networks(&self) -> [&Network; 2] {
+        [&self.encoder, &self.head]
+    }
+
+    /// Channels that it reads.
+    #[must_use]
+    pub fn channels(&self) -> &AssetChannels {
+        &self.channels
     }
 
     /// Writes the policy for other programs: the tensors `encoder.*` and `head.*` of the two networks, each
@@ -242,25 +238,28 @@ impl AssetPolicy {
     /// [`TensorFileError::File`] where the system refuses.
     pub fn write(
         &self,
-        channels: &AssetChannels,
+        state: &State<f32>,
         ports: &Ports,
         head: Head,
         dir: &Path,
     ) -> Result<(), TensorFileError> {
         let mut file = TensorFile::default();
-        store(&self.encoder, "encoder", &mut file);
-        store(&self.head, "head", &mut file);
+        store_network(&self.encoder, "encoder", state, &mut file);
+        store_network(&self.head, "head", state, &mut file);
         let Ports {
             inputs,
             center,
             spread,
             outputs,
         } = ports;
+        let AssetChannels {
+            n_assets,
+            blocks,
+            common,
+        } = &self.channels;
         file.header = json!({
-            "format": 1, "architecture": "equivariant", "head": head, "n_assets": channels.n_assets,
-            "blocks": channels.blocks,
-            "common": channels.common, "inputs": inputs, "center": center, "spread": spread,
-            "outputs": outputs,
+            "format": 1, "architecture": "equivariant", "head": head, "n_assets": n_assets, "blocks": blocks,
+            "common": common, "inputs": inputs, "center": center, "spread": spread, "outputs": outputs,
         });
         file.write(&dir.join(FILE_NAME))
     }
@@ -269,62 +268,65 @@ impl AssetPolicy {
     ///
     /// # Errors
     /// [`TensorFileError`] where a tensor is missing or has another shape.
-    pub fn read(self, file: &TensorFile) -> Result<Self, TensorFileError> {
-        Ok(Self {
-            encoder: restore(self.encoder, "encoder", file)?,
-            head: restore(self.head, "head", file)?,
-        })
+    pub fn read(&self, state: &mut State<f32>, file: &TensorFile) -> Result<(), TensorFileError> {
+        restore_network(&self.encoder, "encoder", state, file)?;
+        restore_network(&self.head, "head", state, file)
     }
 
     /// Parameters of the shares: `[batch, observed]` to `[batch, assets]`.
     #[must_use]
-    pub fn forward(&self, channels: &AssetChannels, observations: &Tensor<2>) -> Tensor<2> {
-        let own = self.encoder.forward(channels.features(observations, None));
-        let batch = observations.dims()[0];
-        self.head
-            .forward(channels.beside(own))
-            .reshape([batch, channels.n_assets])
+    pub fn apply<'e>(&self, observations: Expression<'e>) -> Expression<'e> {
+        let own = self.encoder.apply(self.channels.features(observations, None));
+        let shares = self.head.apply(self.channels.beside(own));
+        shares.reshape([observations.n_rows(), self.channels.n_assets])
     }
 }
 
 /// Critic network from an observation and an action to a value.
-#[derive(Module, Debug)]
+#[derive(Debug, Clone)]
 pub struct AssetCritic {
-    encoder: Mlp,
-    head: Mlp,
+    channels: AssetChannels,
+    encoder: Network,
+    head: Network,
 }
 
 impl AssetCritic {
-    /// Creates a critic with one hidden layer of `width` in the encoder and one in the head. Between them
+    /// Describes a critic with one hidden layer of `width` in the encoder and one in the head. Between them
     /// `width` linear features are pooled.
-    pub fn new(channels: &AssetChannels, width: usize, rng: &mut impl RngCore, device: &Device) -> Self {
+    #[must_use]
+    pub fn new(name: &str, channels: &AssetChannels, width: usize) -> Self {
         let (encoder, head) = ([channels.n_features() + 1, width, width], [width, width, 1]);
         Self {
-            encoder: Mlp::new(&encoder, &[Activation::LeakyRelu], 1.0, rng, device),
-            head: Mlp::new(&head, &[Activation::LeakyRelu], 1.0, rng, device),
+            encoder: two_layers(format!("{name}.encoder"), encoder),
+            head: two_layers(format!("{name}.head"), head),
+            channels: channels.clone(),
         }
+    }
+
+    /// Fully connected networks that it is made of.
+    #[must_use]
+    pub fn networks(&self) -> [&Network; 2] {
+        [&self.encoder, &self.head]
     }
 
     /// Values: `[batch, observed]` and `[batch, assets]` to `[batch, 1]`.
     #[must_use]
-    pub fn forward(
-        &self,
-        channels: &AssetChannels,
-        observations: &Tensor<2>,
-        action: Tensor<2>,
-    ) -> Tensor<2> {
-        let own = self
-            .encoder
-            .forward(channels.features(observations, Some(action)));
-        self.head.forward(channels.pool(own))
+    pub fn value<'e>(&self, observations: Expression<'e>, actions: Expression<'e>) -> Expression<'e> {
+        let features = self.channels.features(observations, Some(actions));
+        self.head.apply(self.channels.pool(self.encoder.apply(features)))
     }
+}
+
+/// A network with one hidden layer.
+fn two_layers(name: String, sizes: [usize; 3]) -> Network {
+    Network::new(name, &sizes, &[Activation::LeakyRelu])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use contract::random::stream;
-    use numerics::network::device;
+    use plan::{Equations, Processor};
     use std::collections::BTreeSet;
 
     const N: usize = 3;
@@ -344,13 +346,30 @@ mod tests {
     }
 
     /// Two observations of one pack; the second has its assets in the order 3, 1, 2.
-    fn observations() -> Tensor<2> {
-        matrix(
-            vec![
-                0.1, 0.5, -0.4, 1.0, -1.0, 0.3, 0.7, -0.4, 0.1, 0.5, 0.3, 1.0, -1.0, 0.7,
-            ],
-            7,
-        )
+    const SEEN: [f64; 14] = [
+        0.1, 0.5, -0.4, 1.0, -1.0, 0.3, 0.7, -0.4, 0.1, 0.5, 0.3, 1.0, -1.0, 0.7,
+    ];
+
+    /// Outputs of new networks for both observations and two actions.
+    fn outputs(
+        networks: [&Network; 2],
+        actions: [f64; 6],
+        of: impl for<'e> Fn(Expression<'e>, Expression<'e>) -> Expression<'e>,
+    ) -> Vec<f32> {
+        let (mut state, mut rng) = (State::default(), stream(&["networks"]));
+        for network in networks {
+            network.initialise(1.0, &mut state, &mut rng);
+        }
+        let equations = Equations::new();
+        let (seen, done) = (
+            equations.constant([2, 7], &SEEN),
+            equations.constant([2, N], &actions),
+        );
+        equations.routine("apply");
+        equations.output("out", of(seen, done));
+        let mut processor = Processor::new(equations.into_graph());
+        processor.run("apply", &mut state);
+        processor.entries("out").to_vec()
     }
 
     fn close(left: f32, right: f32) -> bool {
@@ -376,8 +395,8 @@ mod tests {
 
     #[test]
     fn permuted_assets_get_permuted_shares() {
-        let policy = AssetPolicy::new(&channels(), 8, &mut stream(&["policy"]), &device());
-        let out = values(policy.forward(&channels(), &observations()));
+        let policy = AssetPolicy::new("policy", &channels(), 8);
+        let out = outputs(policy.networks(), [0.0; 6], |seen, _| policy.apply(seen));
         assert!(
             close(out[3], out[2]) && close(out[4], out[0]) && close(out[5], out[1]),
             "{out:?}"
@@ -387,15 +406,12 @@ mod tests {
 
     #[test]
     fn the_value_does_not_depend_on_the_order_of_the_assets() {
-        let critic = AssetCritic::new(&channels(), 8, &mut stream(&["critic"]), &device());
-        let action = matrix(vec![0.2, 0.3, 0.5, 0.5, 0.2, 0.3], N);
-        let out = values(critic.forward(&channels(), &observations(), action));
+        let critic = AssetCritic::new("critic", &channels(), 8);
+        let values = |actions| outputs(critic.networks(), actions, |seen, done| critic.value(seen, done));
+        let out = values([0.2, 0.3, 0.5, 0.5, 0.2, 0.3]);
         assert!(close(out[0], out[1]), "{out:?}");
-        let moved = matrix(vec![0.3, 0.2, 0.5, 0.5, 0.3, 0.2], N);
-        assert!(!close(
-            values(critic.forward(&channels(), &observations(), moved))[0],
-            out[0]
-        ));
+        let moved = values([0.3, 0.2, 0.5, 0.5, 0.3, 0.2]);
+        assert!(!close(moved[0], out[0]));
     }
 
     #[test]
@@ -407,24 +423,24 @@ mod tests {
             [&block(0)[..], &block(1)[..], &[7.0]].concat()
         };
         let copies = 200;
-        let many = |values: Vec<f32>| matrix(values.repeat(copies), values.len());
-        let batch = Batch {
-            observations: many(row([1, 2, 3], 0.0)),
-            actions: many(vec![1.0, 2.0, 3.0]),
-            rewards: many(vec![0.5]),
-            next_observations: many(row([1, 2, 3], 100.0)),
-            continues: many(vec![1.0]),
+        let mut batch = BatchRows {
+            n_rows: copies,
+            observations: row([1, 2, 3], 0.0).repeat(copies),
+            actions: [1.0, 2.0, 3.0].repeat(copies),
+            rewards: vec![0.5; copies],
+            next_observations: row([1, 2, 3], 100.0).repeat(copies),
+            continues: vec![1.0; copies],
         };
-        let permuted = channels().permuted(batch, &mut stream(&["permuted"]));
-        let (seen, next) = (values(permuted.observations), values(permuted.next_observations));
+        channels().permute(&mut batch, &mut stream(&["permuted"]));
+        let (seen, next) = (batch.observations, batch.next_observations);
         let mut orders = BTreeSet::new();
-        for (at, shares) in values(permuted.actions).chunks(N).enumerate() {
+        for (at, shares) in batch.actions.chunks(N).enumerate() {
             let order = [0, 1, 2].map(|place| shares[place] as usize);
             assert_eq!(&seen[7 * at..7 * (at + 1)], row(order, 0.0));
             assert_eq!(next[7 * at..7 * at + 6], row(order, 100.0)[..6]);
             orders.insert(order);
         }
         assert_eq!(orders.len(), 6, "all orders of three occur in {copies} draws");
-        assert_eq!(values(permuted.rewards), vec![0.5; copies]);
+        assert_eq!(batch.rewards, vec![0.5; copies]);
     }
 }

@@ -12,7 +12,7 @@
 //! | log pi(a, s) | `log_pi` | `[batch, 1]` |
 //! | Q_1, Q_2 | `critics` | `[batch, 1]` each |
 //! | Q_target | `target_critics` | `[batch, 1]` each |
-//! | beta | temperature, kept as `log_temperature` | scalar |
+//! | beta | `temperature` | scalar |
 //! | gamma, tau, d | `discount`, `target_smoothing`, number of shares | scalars |
 //!
 //! Departures from the thesis
@@ -40,32 +40,35 @@ pub use config::{ActionScaling, Config, EvaluationAction, NetworkKind, TargetEnt
 
 use crate::shared::{
     allocation,
+    batch::{BatchInputs, BatchRows},
+    bellman::{Weight, bootstrapped, half_squared_error},
     checkpoint::{self, finite},
-    replay::{Batch, Replay},
+    replay::Replay,
     scaling::Scaling,
     schedule::UpdateSchedule,
     seat,
-    targets::{bootstrapped, half_squared_error, mean},
 };
 use asset_network::AssetChannels;
-use burn::{module::Module, tensor::Tensor};
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
-use networks::{Critics, PolicyNetwork, Shape};
+use networks::{CriticNetwork, PolicyNetwork, Shape, of_critics, parameters};
 use numerics::{
-    dirichlet_policy::{log_density, sample},
-    network::{device, matrix, softplus, values},
-    optimizer::{Adam, ScalarAdam, TrainedNetwork},
-    parameters::{restore, soft_update, store},
-    policy_file::Head,
+    equations::{
+        dirichlet::{Draw, sample},
+        network::Network,
+    },
+    policy_file::{Head, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
+use plan::{Descent, Expression, Plans, State};
 use rand::RngCore;
 use std::path::Path;
 
 const NAME: &str = "dirichlet_sac";
+/// Name of the temperature in the state.
+const TEMPERATURE: &str = "temperature";
 /// File with networks from which another trial may begin.
 const NETWORKS_FILE: &str = "networks.safetensors";
 
@@ -75,24 +78,26 @@ pub struct DirichletSac {
     config: Config,
     scaling: Scaling,
     shares: Vec<String>,
-    shape: Shape,
-    target_entropy: f64,
-    policy: TrainedNetwork<PolicyNetwork>,
-    critics: TrainedNetwork<Critics>,
-    target_critics: Critics,
-    log_temperature: f64,
-    temperature_adam: ScalarAdam,
+    learner: Learner,
+    state: State<f32>,
+    acting: Plans,
+    learning: Plans,
     replay: Replay,
     schedule: UpdateSchedule,
     /// Channels by asset; set where the assets of transitions are permuted.
     assets: Option<AssetChannels>,
 }
 
-/// Means over a batch at the policy's actions.
-struct PolicyMeans {
-    log_pi: f64,
-    concentration: f64,
-    value: f64,
+/// Networks and temperature, and the equations by which they act and learn.
+#[derive(Debug, Clone)]
+struct Learner {
+    policy: PolicyNetwork,
+    critics: [CriticNetwork; 2],
+    target_critics: [CriticNetwork; 2],
+    temperature: Weight,
+    target_entropy: f64,
+    concentration_cap: Option<f64>,
+    action_scaling: ActionScaling,
 }
 
 /// Registers the agent.
@@ -142,29 +147,22 @@ impl DirichletSac {
         let seat = seat::only_seat(NAME, interface)?;
         let shares = seat::simplex(NAME, seat)?.to_vec();
         let channels = seat::observed(NAME, seat)?;
-        let scaling = Scaling::new(config.observation_scaling, channels);
-        let (n_observed, n_shares) = (scaling.n_channels(), shares.len());
+        let (n_observed, n_shares) = (channels.len(), shares.len());
         let shape = Shape::new(&config, channels, n_shares)?;
         let assets = config
             .permute_assets
             .then(|| AssetChannels::find(NAME, "permute_assets: true", channels, n_shares))
             .transpose()?;
-        let tracked = device().autodiff();
-        let policy = shape.policy(rng, &tracked);
-        let critics = shape.critics(rng, &tracked);
-        let adam = |rate| Adam::new(rate, config.gradient_clip);
+        let mut state = State::default();
         let mut agent = Self {
-            target_entropy: config.target_nats(n_shares),
-            shape,
-            target_critics: critics.valid(),
-            policy: TrainedNetwork::new(policy, adam(config.actor_learning_rate)),
-            critics: TrainedNetwork::new(critics, adam(config.critic_learning_rate)),
-            log_temperature: config.first_temperature.ln(),
-            temperature_adam: ScalarAdam::new(config.temperature_learning_rate),
+            learner: Learner::new(&config, &shape, n_shares, &mut state, rng),
+            scaling: Scaling::new(config.observation_scaling, channels),
+            state,
+            acting: Plans::default(),
+            learning: Plans::default(),
             replay: Replay::new(config.replay_capacity, n_observed, n_shares, 1),
             schedule: UpdateSchedule::new(),
             config,
-            scaling,
             shares,
             assets,
         };
@@ -179,148 +177,49 @@ impl DirichletSac {
     /// Loads networks and temperature of another trial; optimisers and replay stay new.
     fn begin_from(&mut self, dir: &Path) -> Result<(), TensorFileError> {
         let file = TensorFile::read(&dir.join(NETWORKS_FILE))?;
-        self.policy
-            .set_network(restore(self.policy.network().clone(), "policy", &file)?);
-        self.critics
-            .set_network(restore(self.critics.network().clone(), "critics", &file)?);
-        self.target_critics = restore(self.target_critics.clone(), "target_critics", &file)?;
-        self.log_temperature = file.header["log_temperature"]
-            .as_f64()
-            .unwrap_or(self.log_temperature);
+        networks::restore(&self.learner.networks(), &mut self.state, &file)?;
+        if let Some(logarithm) = file.header["log_temperature"].as_f64() {
+            Weight::new(TEMPERATURE, logarithm.exp(), &mut self.state);
+        }
         Ok(())
     }
 
     /// Writes the networks and the temperature that [`begin_from`](Self::begin_from) reads.
     fn write_networks(&self, dir: &Path) -> Result<(), TensorFileError> {
         let mut file = TensorFile::default();
-        store(self.policy.network(), "policy", &mut file);
-        store(self.critics.network(), "critics", &mut file);
-        store(&self.target_critics, "target_critics", &mut file);
-        file.header["log_temperature"] = self.log_temperature.into();
+        networks::store(&self.learner.networks(), &self.state, &mut file);
+        file.header["log_temperature"] = self.learner.temperature.value(&self.state).ln().into();
         file.write(&dir.join(NETWORKS_FILE))
     }
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let batch = self.replay.sample_with_replacement(self.config.batch_size, rng);
-        let batch = match &self.assets {
-            Some(assets) => assets.permuted(batch, rng),
-            None => batch,
-        };
-        self.update_critics(&batch, rng, record)?;
-        let log_pi = self.update_policy(&batch, rng, record)?;
-        self.update_temperature(log_pi);
-        let target = std::mem::take(&mut self.target_critics);
-        self.target_critics = soft_update(target, self.critics.network(), self.config.target_smoothing);
+        let mut batch = self.replay.draw(self.config.batch_size, rng);
+        if let Some(assets) = &self.assets {
+            assets.permute(&mut batch, rng);
+        }
+        self.improve(&batch, rng, record)?;
         self.schedule.count_update();
         Ok(())
     }
 
-    /// Eq. 3.16: both critics descend half the squared error.
-    fn update_critics(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let target = self.soft_target(batch, rng)?;
-        let (q1, q2) = self.q_values(self.critics.network(), &batch.observations, batch.actions.clone());
-        let loss = half_squared_error(q1, target.clone()) + half_squared_error(q2, target);
-        record.mean(
-            "critic_loss",
-            finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
-        );
-        self.critics.descend(&loss);
-        Ok(())
-    }
-
-    /// Eq. 3.17: reward plus the discounted soft value of the next observation, without gradients.
-    fn soft_target(&self, batch: &Batch, rng: &mut Rng) -> Result<Tensor<2>, Error> {
-        let alpha = self.concentrations(&self.policy.network().valid(), &batch.next_observations);
-        finite("concentration", self.schedule.n_steps(), mean(alpha.clone()))?;
-        let next = sample(alpha.clone(), rng);
-        let log_pi = log_density(alpha, next.log_action);
-        let (q1, q2) = self.q_values(&self.target_critics, &batch.next_observations, next.action);
-        let shift = if self.config.shifted_entropy_bonus {
-            self.target_entropy
-        } else {
-            0.0
-        };
-        let soft_value = q1.min_pair(q2) - (log_pi + shift) * self.temperature();
-        Ok(bootstrapped(
-            batch.rewards.clone(),
-            batch.continues.clone(),
-            soft_value,
-            self.config.discount,
-        ))
-    }
-
-    /// One step against eq. 3.18; returns the mean of `log pi`.
-    fn update_policy(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<f64, Error> {
-        let (loss, parts) = self.policy_loss(&batch.observations, rng)?;
-        record.mean(
-            "policy_loss",
-            finite("policy_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
-        );
-        self.policy.descend(&loss);
-        record.mean("policy_entropy", -parts.log_pi);
-        record.mean("mean_concentration", parts.concentration);
-        record.mean("mean_value", parts.value);
-        record.mean("temperature", self.temperature());
-        Ok(parts.log_pi)
-    }
-
-    /// Eq. 3.18: `beta log pi - Q` at reparameterised samples, and the means of its parts.
-    fn policy_loss(
-        &self,
-        observations: &Tensor<2>,
-        rng: &mut Rng,
-    ) -> Result<(Tensor<1>, PolicyMeans), Error> {
-        let alpha = self.concentrations(self.policy.network(), observations);
-        // The sampler does not accept a concentration that is not finite.
-        let concentration = finite("concentration", self.schedule.n_steps(), mean(alpha.clone()))?;
-        let drawn = sample(alpha.clone(), rng);
-        let log_pi = log_density(alpha, drawn.log_action);
-        // Untracked critics: the gradient passes through them to the action alone.
-        let (q1, q2) = self.q_values(&self.critics.network().valid(), observations, drawn.action);
-        let q = q1.min_pair(q2);
-        let loss = (log_pi.clone() * self.temperature() - q.clone()).mean();
-        let (log_pi, value) = (f64::from(mean(log_pi)), f64::from(mean(q)));
-        Ok((
-            loss,
-            PolicyMeans {
-                log_pi,
-                concentration,
-                value,
-            },
-        ))
-    }
-
-    /// The temperature rises where the entropy `-mean_log_pi` is below its target.
-    fn update_temperature(&mut self, mean_log_pi: f64) {
-        let gradient = -(mean_log_pi + self.target_entropy);
-        self.log_temperature = self.temperature_adam.step(self.log_temperature, gradient);
-    }
-
-    fn temperature(&self) -> f64 {
-        self.log_temperature.exp()
-    }
-
-    /// `alpha = softplus(f(s)) + 1` (section 3.4.3), so that the density has one mode inside the simplex.
-    fn concentrations(&self, policy: &PolicyNetwork, observations: &Tensor<2>) -> Tensor<2> {
-        let alpha = softplus(self.shape.shares(policy, observations)) + 1.0;
-        match self.config.concentration_cap {
-            Some(cap) => alpha.clamp_max(cap),
-            None => alpha,
+    fn improve(&mut self, batch: &BatchRows, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
+        let plan = self.learning.of_rows(batch.n_rows, |equations| {
+            let batch = BatchInputs::new(equations, batch.n_rows, widths);
+            equations.routine("update");
+            learner.update(batch, config);
+        });
+        batch.write(plan);
+        plan.run_seeded("update", &mut self.state, rng.next_u64());
+        let step = self.schedule.n_steps();
+        finite("concentration", step, plan.number("next_concentration"))?;
+        for metric in ["critic_loss", "mean_concentration", "policy_loss"] {
+            record.mean(metric, finite(metric, step, plan.number(metric))?);
         }
-    }
-
-    #[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^52")]
-    fn q_values(
-        &self,
-        critics: &Critics,
-        observations: &Tensor<2>,
-        action: Tensor<2>,
-    ) -> (Tensor<2>, Tensor<2>) {
-        let action = match self.config.critic_action_scaling {
-            ActionScaling::Centred => action * (self.shares.len() as f64) - 1.0,
-            ActionScaling::None => action,
-        };
-        self.shape.values(critics, observations, action)
+        for metric in ["policy_entropy", "mean_value", "temperature"] {
+            record.mean(metric, plan.number(metric));
+        }
+        Ok(())
     }
 
     fn head(&self) -> Head {
@@ -330,31 +229,170 @@ impl DirichletSac {
         }
     }
 
-    /// Rows of positive weights: a sample in training; in evaluation the mean or the mode, up to their sum.
-    fn weights(
+    fn ports(&self) -> Ports {
+        self.scaling.ports(&self.shares)
+    }
+}
+
+impl Learner {
+    /// Adds the parameters to a state: those of the policy, then of both critics.
+    fn new(config: &Config, shape: &Shape, n_shares: usize, state: &mut State<f32>, rng: &mut Rng) -> Self {
+        let (policy, critics) = (shape.policy(), shape.critics("critics"));
+        networks::initialise(&policy.networks(), state, rng);
+        networks::initialise(&of_critics(&critics), state, rng);
+        let target_critics = shape.critics("target_critics");
+        for (critic, target) in of_critics(&critics).iter().zip(of_critics(&target_critics)) {
+            state.copy(critic.name(), target.name());
+        }
+        Self {
+            policy,
+            critics,
+            target_critics,
+            temperature: Weight::new(TEMPERATURE, config.first_temperature, state),
+            target_entropy: config.target_nats(n_shares),
+            concentration_cap: config.concentration_cap,
+            action_scaling: config.critic_action_scaling,
+        }
+    }
+
+    /// All networks, each with its own name.
+    fn networks(&self) -> Vec<&Network> {
+        let critics = [of_critics(&self.critics), of_critics(&self.target_critics)];
+        [self.policy.networks(), critics.concat()].concat()
+    }
+
+    /// Weights of the shares up to their sum: draws, and in evaluation the mean or the mode.
+    fn act(&self, observations: Expression<'_>, evaluation: EvaluationAction) {
+        let equations = observations.equations();
+        equations.routine("draw");
+        equations.output("drawn", sample(self.concentrations(observations)).action);
+        equations.routine("choose");
+        let alpha = self.concentrations(observations);
+        let weights = match evaluation {
+            EvaluationAction::Mean => alpha,
+            EvaluationAction::Mode => alpha - 1.0,
+        };
+        equations.output("chosen", weights);
+    }
+
+    /// One update of critics, policy, temperature and target critics.
+    fn update(&self, batch: BatchInputs<'_>, config: &Config) {
+        let equations = batch.observations.equations();
+        let adam = |rate, first_rate| Descent::adam(rate, first_rate, config.gradient_clip);
+        let target = self.soft_target(batch, config);
+        let loss = self.critic_loss(batch, target);
+        equations.output("critic_loss", loss);
+        let critics = parameters(&of_critics(&self.critics), equations);
+        let descent = adam("critic_learning_rate", config.critic_learning_rate);
+        equations.descend(loss, &critics, &descent);
+
+        let alpha = self.concentrations(batch.observations);
+        equations.output("mean_concentration", alpha.mean());
+        let (loss, log_density) = self.policy_loss(batch.observations, alpha, sample(alpha));
+        equations.output("policy_loss", loss);
+        let policy = parameters(&self.policy.networks(), equations);
+        let descent = adam("actor_learning_rate", config.actor_learning_rate);
+        equations.descend(loss, &policy, &descent);
+        equations.output("policy_entropy", -log_density);
+        equations.output("temperature", self.temperature.expression(equations));
+        self.steer_temperature(log_density, config.temperature_learning_rate);
+        let targets = parameters(&of_critics(&self.target_critics), equations);
+        equations.follow(&targets, &critics, config.target_smoothing);
+    }
+
+    /// Eq. 3.17: reward plus the discounted soft value of the next observation.
+    fn soft_target<'e>(&self, batch: BatchInputs<'e>, config: &Config) -> Expression<'e> {
+        let alpha = self.concentrations(batch.next_observations);
+        let equations = alpha.equations();
+        equations.output("next_concentration", alpha.mean());
+        let next = sample(alpha);
+        let log_density = alpha.dirichlet_density(next.log_action);
+        let excess = if config.shifted_entropy_bonus {
+            log_density + self.target_entropy
+        } else {
+            log_density
+        };
+        let [first, second] = self.values(&self.target_critics, batch.next_observations, next.action);
+        let soft_value = first.min(second) - excess * self.temperature.expression(equations);
+        bootstrapped(batch.rewards, batch.continues, soft_value, config.discount)
+    }
+
+    /// Eq. 3.16: half the squared error of both critics.
+    fn critic_loss<'e>(&self, batch: BatchInputs<'e>, target: Expression<'e>) -> Expression<'e> {
+        let values = self.values(&self.critics, batch.observations, batch.actions);
+        let [first, second] = values.map(|value| half_squared_error(value, target));
+        first + second
+    }
+
+    /// Eq. 3.18: `beta log pi - Q` at a reparameterised draw from `Dirichlet(alpha)`, and the mean of `log pi`.
+    fn policy_loss<'e>(
         &self,
-        observations: &Tensor<2>,
-        mode: Mode,
-        rng: &mut impl RngCore,
-    ) -> Result<Vec<f32>, Error> {
-        let alpha = self.concentrations(&self.policy.network().valid(), observations);
-        finite("concentration", self.schedule.n_steps(), mean(alpha.clone()))?;
-        Ok(values(match (mode, self.config.evaluation_action) {
-            (Mode::Train, _) => sample(alpha, rng).action,
-            (Mode::Evaluate, EvaluationAction::Mean) => alpha,
-            (Mode::Evaluate, EvaluationAction::Mode) => alpha - 1.0,
-        }))
+        observations: Expression<'e>,
+        alpha: Expression<'e>,
+        drawn: Draw<'e>,
+    ) -> (Expression<'e>, Expression<'e>) {
+        let equations = alpha.equations();
+        let log_density = alpha.dirichlet_density(drawn.log_action);
+        let [first, second] = self.values(&self.critics, observations, drawn.action);
+        let value = first.min(second);
+        equations.output("mean_value", value.mean());
+        let loss = (log_density * self.temperature.expression(equations) - value).mean();
+        (loss, log_density.mean())
+    }
+
+    /// The temperature rises where the entropy is below its target.
+    fn steer_temperature(&self, mean_log_density: Expression<'_>, rate: f64) {
+        self.temperature
+            .rise_with(mean_log_density + self.target_entropy, rate);
+    }
+
+    /// `alpha = softplus(f(s)) + 1` (section 3.4.3), so that the density has one mode inside the simplex.
+    fn concentrations<'e>(&self, observations: Expression<'e>) -> Expression<'e> {
+        let alpha = self.policy.apply(observations).softplus() + 1.0;
+        match self.concentration_cap {
+            Some(cap) => alpha.clamp(0.0, cap),
+            None => alpha,
+        }
+    }
+
+    /// Values of both critics.
+    #[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^52")]
+    fn values<'e>(
+        &self,
+        critics: &[CriticNetwork; 2],
+        observations: Expression<'e>,
+        actions: Expression<'e>,
+    ) -> [Expression<'e>; 2] {
+        let actions = match self.action_scaling {
+            ActionScaling::Centred => actions * actions.n_columns() as f64 - 1.0,
+            ActionScaling::None => actions,
+        };
+        critics
+            .each_ref()
+            .map(|critic| critic.value(observations, actions))
     }
 }
 
 impl Agent for DirichletSac {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let scaled = observations
-            .iter()
-            .flat_map(|observation| self.scaling.apply(&observation.seats[0]))
-            .collect();
-        let weights = self.weights(&matrix(scaled, self.scaling.n_channels()), mode, rng)?;
-        allocation::actions(&weights, self.shares.len(), self.schedule.n_steps())
+        let (learner, shape) = (&self.learner, [observations.len(), self.scaling.n_channels()]);
+        let evaluation = self.config.evaluation_action;
+        let plan = self.acting.of_rows(observations.len(), |equations| {
+            learner.act(equations.input("observations", shape), evaluation);
+        });
+        plan.write("observations", &self.scaling.rows(observations));
+        let weights = match mode {
+            Mode::Train => {
+                plan.run_seeded("draw", &mut self.state, rng.next_u64());
+                "drawn"
+            }
+            Mode::Evaluate => {
+                plan.run("choose", &mut self.state);
+                "chosen"
+            }
+        };
+        let weights = plan.entries(weights);
+        allocation::actions(weights, self.shares.len(), self.schedule.n_steps())
     }
 
     fn learn(
@@ -380,24 +418,20 @@ impl Agent for DirichletSac {
         Ok(())
     }
 
-    checkpoint::keeps!(NAME; trained: policy, critics; targets: target_critics; counters: log_temperature, temperature_adam);
+    checkpoint::keeps_state!(NAME);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let ports = self.scaling.ports(&self.shares);
-        self.shape
-            .write(self.policy.network(), ports, self.head(), dir)
+        let policy = &self.learner.policy;
+        policy
+            .write(&self.state, self.ports(), self.head(), dir)
+            .and_then(|()| self.write_networks(dir))
             .map_err(checkpoint::error_of(NAME))?;
-        self.write_networks(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        let file = self
-            .shape
-            .policy_file(dir, &self.scaling.ports(&self.shares), self.head())?;
-        self.policy.set_network(
-            Shape::read(self.policy.network().clone(), &file).map_err(checkpoint::error_of(NAME))?,
-        );
+        let (ports, head) = (self.ports(), self.head());
+        self.learner.policy.import(&mut self.state, &ports, head, dir)?;
         Ok(true)
     }
 }

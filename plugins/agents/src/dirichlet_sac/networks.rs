@@ -1,4 +1,11 @@
 //! Architectures of the agent's networks: fully connected as in the thesis, or equivariant in the assets.
+//!
+//! | network | here | shape |
+//! |---|---|---|
+//! | policy | parameters of the shares | `[batch, observed]` to `[batch, n_shares]` |
+//! | critic | value of an observation and an action | `[batch, observed]`, `[batch, n_shares]` to `[batch, 1]` |
+//!
+//! A network has the name under which files of networks hold it.
 
 use super::asset_network::{AssetChannels, AssetCritic, AssetPolicy};
 use super::{
@@ -6,65 +13,44 @@ use super::{
     config::{Config, NetworkKind},
 };
 use crate::shared::checkpoint;
-use burn::{
-    module::Module,
-    tensor::{Device, Tensor},
-};
 use contract::{Channel, Error};
 use numerics::{
-    network::{Activation, Mlp, TwinMlp},
-    parameters::restore,
-    policy_file::{Head, PREFIX, Policy, Ports},
+    equations::{network::Network, state_file},
+    network::Activation,
+    policy_file::{self, Head, Policy, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
-use rand::RngCore;
+use plan::{Equations, Expression, State};
 use std::path::Path;
 
-/// Sizes from which the networks of either architecture are built.
+/// Sizes from which the networks of either architecture are described.
 #[derive(Debug, Clone)]
 pub(super) struct Shape {
-    sizes: (usize, usize),
+    n_observed: usize,
+    n_shares: usize,
     width: usize,
-    layers: (usize, usize),
+    policy_layers: usize,
+    critic_layers: usize,
     /// Channels by asset; set for equivariant networks.
     assets: Option<AssetChannels>,
 }
 
-/// Policy network from observations `[batch, observed]` to parameters of the shares `[batch, n_shares]`.
-#[derive(Module, Debug)]
+/// Policy network.
+#[derive(Debug, Clone)]
 pub(super) enum PolicyNetwork {
     /// Fully connected.
-    Dense(Mlp),
+    Dense(Network),
     /// Equivariant in the assets.
     Assets(AssetPolicy),
 }
 
-/// Both critics.
-#[derive(Module, Debug)]
-pub(super) enum Critics {
+/// Critic network.
+#[derive(Debug, Clone)]
+pub(super) enum CriticNetwork {
     /// Fully connected.
-    Dense(TwinMlp),
+    Dense(Network),
     /// Invariant under permutations of the assets.
-    Assets(AssetCritics),
-}
-
-/// Two critics that are invariant under permutations of the assets.
-#[derive(Module, Debug)]
-pub(super) struct AssetCritics {
-    first: AssetCritic,
-    second: AssetCritic,
-}
-
-impl Default for PolicyNetwork {
-    fn default() -> Self {
-        Self::Dense(Mlp::default())
-    }
-}
-
-impl Default for Critics {
-    fn default() -> Self {
-        Self::Dense(TwinMlp::default())
-    }
+    Assets(AssetCritic),
 }
 
 impl Shape {
@@ -83,121 +69,161 @@ impl Shape {
             )?),
         };
         Ok(Self {
-            sizes: (channels.len(), n_shares),
+            n_observed: channels.len(),
+            n_shares,
             width: config.width,
-            layers: (config.policy_layers, config.critic_layers),
+            policy_layers: config.policy_layers,
+            critic_layers: config.critic_layers,
             assets,
         })
     }
 
-    /// Creates a policy. Its second hidden layer has tanh, the others leaky rectifiers (thesis, section
+    /// Describes the policy. Its second hidden layer has tanh, the others leaky rectifiers (thesis, section
     /// 3.4.3).
-    pub(super) fn policy(&self, rng: &mut impl RngCore, device: &Device) -> PolicyNetwork {
+    pub(super) fn policy(&self) -> PolicyNetwork {
         if let Some(assets) = &self.assets {
-            return PolicyNetwork::Assets(AssetPolicy::new(assets, self.width, rng, device));
+            return PolicyNetwork::Assets(AssetPolicy::new("policy.Assets", assets, self.width));
         }
-        let activation = |layer| {
-            if layer == 1 {
-                Activation::Tanh
-            } else {
-                Activation::LeakyRelu
-            }
-        };
-        let activations: Vec<_> = (0..self.layers.0).map(activation).collect();
-        PolicyNetwork::Dense(Mlp::new(
-            &self.dense(self.sizes.0, self.layers.0, self.sizes.1),
-            &activations,
-            1.0,
-            rng,
-            device,
-        ))
-    }
-
-    /// Creates both critics.
-    pub(super) fn critics(&self, rng: &mut impl RngCore, device: &Device) -> Critics {
-        if let Some(assets) = &self.assets {
-            let mut critic = || AssetCritic::new(assets, self.width, rng, device);
-            return Critics::Assets(AssetCritics {
-                first: critic(),
-                second: critic(),
-            });
+        let mut activations = vec![Activation::LeakyRelu; self.policy_layers];
+        if let Some(second) = activations.get_mut(1) {
+            *second = Activation::Tanh;
         }
-        let sizes = self.dense(self.sizes.0 + self.sizes.1, self.layers.1, 1);
-        Critics::Dense(TwinMlp::new(
-            &sizes,
-            &vec![Activation::LeakyRelu; self.layers.1],
-            1.0,
-            rng,
-            device,
-        ))
+        let sizes = [
+            &[self.n_observed][..],
+            &vec![self.width; self.policy_layers],
+            &[self.n_shares],
+        ];
+        PolicyNetwork::Dense(Network::new("policy.Dense", &sizes.concat(), &activations))
     }
 
-    fn dense(&self, inputs: usize, layers: usize, outputs: usize) -> Vec<usize> {
-        [vec![inputs], vec![self.width; layers], vec![outputs]].concat()
-    }
-
-    /// Outputs of a policy, `[batch, n_shares]`.
-    pub(super) fn shares(&self, policy: &PolicyNetwork, observations: &Tensor<2>) -> Tensor<2> {
-        match (policy, &self.assets) {
-            (PolicyNetwork::Dense(network), _) => network.forward(observations.clone()),
-            (PolicyNetwork::Assets(network), Some(assets)) => network.forward(assets, observations),
-            (PolicyNetwork::Assets(_), None) => {
-                unreachable!("the shape that made this network knows its assets")
+    /// Describes both critics; `group` is the beginning of their names.
+    pub(super) fn critics(&self, group: &str) -> [CriticNetwork; 2] {
+        ["first", "second"].map(|which| {
+            if let Some(assets) = &self.assets {
+                let name = format!("{group}.Assets.{which}");
+                return CriticNetwork::Assets(AssetCritic::new(&name, assets, self.width));
             }
+            let inputs = self.n_observed + self.n_shares;
+            let sizes = [&[inputs][..], &vec![self.width; self.critic_layers], &[1]].concat();
+            let activations = vec![Activation::LeakyRelu; self.critic_layers];
+            let name = format!("{group}.Dense.{which}");
+            CriticNetwork::Dense(Network::new(name, &sizes, &activations))
+        })
+    }
+}
+
+impl PolicyNetwork {
+    /// Fully connected networks that it is made of.
+    pub(super) fn networks(&self) -> Vec<&Network> {
+        match self {
+            PolicyNetwork::Dense(network) => vec![network],
+            PolicyNetwork::Assets(network) => network.networks().to_vec(),
+        }
+    }
+
+    /// Parameters of the shares.
+    pub(super) fn apply<'e>(&self, observations: Expression<'e>) -> Expression<'e> {
+        match self {
+            PolicyNetwork::Dense(network) => network.apply(observations),
+            PolicyNetwork::Assets(network) => network.apply(observations),
         }
     }
 
     /// Writes a policy as `policy.safetensors` into `dir`.
     pub(super) fn write(
         &self,
-        policy: &PolicyNetwork,
+        state: &State<f32>,
         ports: Ports,
         head: Head,
         dir: &Path,
     ) -> Result<(), TensorFileError> {
-        match (policy, &self.assets) {
-            (PolicyNetwork::Dense(network), _) => Policy::new(network, ports, head).write(dir),
-            (PolicyNetwork::Assets(network), Some(assets)) => network.write(assets, &ports, head, dir),
-            (PolicyNetwork::Assets(_), None) => {
-                unreachable!("the shape that made this network knows its assets")
-            }
+        match self {
+            PolicyNetwork::Dense(network) => Policy::of_state(network, state, ports, head).write(dir),
+            PolicyNetwork::Assets(network) => network.write(state, &ports, head, dir),
         }
     }
 
-    /// Reads a policy file, if its network acts on these ports. An equivariant policy acts on any number of
-    /// assets.
+    /// Loads the parameters that [`write`](Self::write) wrote, if they act on these ports. An equivariant policy
+    /// acts on any number of assets.
     ///
     /// # Errors
-    /// Those of [`checkpoint::read_policy`].
-    pub(super) fn policy_file(&self, dir: &Path, ports: &Ports, head: Head) -> Result<TensorFile, Error> {
-        match &self.assets {
-            Some(assets) => assets.policy_file(NAME, dir, ports, head),
-            None => checkpoint::read_policy(NAME, dir, ports, head),
-        }
-    }
-
-    /// Loads the parameters that [`write`](Self::write) wrote into a policy.
-    pub(super) fn read(policy: PolicyNetwork, file: &TensorFile) -> Result<PolicyNetwork, TensorFileError> {
-        Ok(match policy {
-            PolicyNetwork::Dense(network) => PolicyNetwork::Dense(restore(network, PREFIX, file)?),
-            PolicyNetwork::Assets(network) => PolicyNetwork::Assets(network.read(file)?),
-        })
-    }
-
-    /// Values of both critics, `[batch, 1]` each.
-    pub(super) fn values(
+    /// Those of [`checkpoint::read_policy`], and [`Error::Checkpoint`] for a network of another shape.
+    pub(super) fn import(
         &self,
-        critics: &Critics,
-        observations: &Tensor<2>,
-        action: Tensor<2>,
-    ) -> (Tensor<2>, Tensor<2>) {
-        match (critics, &self.assets) {
-            (Critics::Dense(pair), _) => pair.forward(Tensor::cat(vec![observations.clone(), action], 1)),
-            (Critics::Assets(pair), Some(assets)) => (
-                pair.first.forward(assets, observations, action.clone()),
-                pair.second.forward(assets, observations, action),
-            ),
-            (Critics::Assets(_), None) => unreachable!("the shape that made these critics knows its assets"),
+        state: &mut State<f32>,
+        ports: &Ports,
+        head: Head,
+        dir: &Path,
+    ) -> Result<(), Error> {
+        match self {
+            PolicyNetwork::Dense(network) => {
+                let file = checkpoint::read_policy(NAME, dir, ports, head)?;
+                state_file::restore_network(network, policy_file::PREFIX, state, &file)
+            }
+            PolicyNetwork::Assets(network) => {
+                let file = network.channels().policy_file(NAME, dir, ports, head)?;
+                network.read(state, &file)
+            }
+        }
+        .map_err(checkpoint::error_of(NAME))
+    }
+}
+
+impl CriticNetwork {
+    /// Fully connected networks that it is made of.
+    pub(super) fn networks(&self) -> Vec<&Network> {
+        match self {
+            CriticNetwork::Dense(network) => vec![network],
+            CriticNetwork::Assets(network) => network.networks().to_vec(),
         }
     }
+
+    /// Values of observations and actions.
+    pub(super) fn value<'e>(&self, observations: Expression<'e>, actions: Expression<'e>) -> Expression<'e> {
+        match self {
+            CriticNetwork::Dense(network) => {
+                network.apply(observations.equations().join(&[observations, actions]))
+            }
+            CriticNetwork::Assets(network) => network.value(observations, actions),
+        }
+    }
+}
+
+/// Fully connected networks that both critics are made of.
+pub(super) fn of_critics(critics: &[CriticNetwork; 2]) -> Vec<&Network> {
+    critics.iter().flat_map(CriticNetwork::networks).collect()
+}
+
+/// Parameters of several networks, one after the other.
+pub(super) fn parameters<'e>(networks: &[&Network], equations: &'e Equations) -> Vec<Expression<'e>> {
+    let of_each = networks.iter().flat_map(|network| network.parameters(equations));
+    of_each.collect()
+}
+
+/// Adds the first parameters of networks to a state.
+pub(super) fn initialise(networks: &[&Network], state: &mut State<f32>, rng: &mut contract::Rng) {
+    for network in networks {
+        network.initialise(1.0, state, rng);
+    }
+}
+
+/// Stores networks in a file, by their names.
+pub(super) fn store(networks: &[&Network], state: &State<f32>, file: &mut TensorFile) {
+    for network in networks {
+        state_file::store_network(network, network.name(), state, file);
+    }
+}
+
+/// Restores the networks that [`store`] wrote.
+///
+/// # Errors
+/// [`TensorFileError`] where a parameter is missing or has another shape.
+pub(super) fn restore(
+    networks: &[&Network],
+    state: &mut State<f32>,
+    file: &TensorFile,
+) -> Result<(), TensorFileError> {
+    networks
+        .iter()
+        .try_for_each(|network| state_file::restore_network(network, network.name(), state, file))
 }

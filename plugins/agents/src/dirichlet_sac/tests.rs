@@ -1,7 +1,13 @@
+//! Tests of the agent as a whole and of its equations.
+
 use super::*;
-use crate::shared::bandit;
+use crate::shared::{
+    bandit,
+    gradient_checks::{assert_gradient, outputs},
+};
 use contract::random::stream;
-use numerics::parameters::{parameters, with_parameters};
+use numerics::gamma::log_gamma_slope;
+use plan::{Equations, Processor};
 
 fn tiny() -> Config {
     Config {
@@ -17,8 +23,15 @@ fn agent(config: Config) -> DirichletSac {
     DirichletSac::new(config, &bandit::interface(), &mut stream(&["dsac"])).unwrap()
 }
 
-fn column(values: &[f32]) -> Tensor<2> {
-    matrix(values.to_vec(), 1)
+/// Entries of an output of equations without inputs, in `f64`.
+fn computed(agent: &DirichletSac, write: impl FnOnce(&Equations) -> Expression<'_>) -> Vec<f64> {
+    let equations = Equations::new();
+    equations.routine("loss");
+    let found = write(&equations);
+    equations.output("found", found);
+    let mut processor = Processor::<f64>::new(equations.into_graph());
+    processor.run_seeded("loss", &mut agent.state.widened(), 3);
+    processor.entries("found").to_vec()
 }
 
 #[test]
@@ -44,16 +57,26 @@ fn the_soft_target_has_the_lower_critic_and_the_entropy() {
         };
         agent.replay.push_scaled(&transition, &agent.scaling);
     }
-    let batch = agent.replay.sample_with_replacement(4, &mut stream(&["batch"]));
-    let target = values(agent.soft_target(&batch, &mut stream(&["noise"])).unwrap());
-    let alpha = agent.concentrations(&agent.policy.network().valid(), &batch.next_observations);
-    let drawn = sample(alpha.clone(), &mut stream(&["noise"]));
-    let (q1, q2) = agent.q_values(
-        &agent.target_critics,
-        &batch.next_observations,
-        drawn.action.clone(),
-    );
-    let (q1, q2, alpha, action) = (values(q1), values(q2), values(alpha), values(drawn.action));
+    let batch = agent.replay.draw(4, &mut stream(&["batch"]));
+    let learner = &agent.learner;
+    // Draws of a routine are numbered, so that the target's draw is that of the parts.
+    let [target] = outputs(["target"], &agent.state, &batch, |equations| {
+        let inputs = BatchInputs::new(equations, 4, agent.replay.widths());
+        equations.routine("loss");
+        equations.output("target", learner.soft_target(inputs, &agent.config));
+    });
+    let names = ["alpha", "action", "q1", "q2"];
+    let [alpha, action, q1, q2] = outputs(names, &agent.state, &batch, |equations| {
+        let inputs = BatchInputs::new(equations, 4, agent.replay.widths());
+        equations.routine("loss");
+        let alpha = learner.concentrations(inputs.next_observations);
+        let action = sample(alpha).action;
+        let [q1, q2] = learner.values(&learner.target_critics, inputs.next_observations, action);
+        equations.output("alpha", alpha);
+        equations.output("action", action);
+        equations.output("q1", q1);
+        equations.output("q2", q2);
+    });
     for i in 0..4 {
         let row = |x: &[f32]| {
             x[3 * i..3 * i + 3]
@@ -63,7 +86,7 @@ fn the_soft_target_has_the_lower_critic_and_the_entropy() {
         };
         let log_action: Vec<f64> = row(&action).iter().map(|a| a.ln()).collect();
         let log_pi = numerics::dirichlet::log_density(&row(&alpha), &log_action);
-        let expected = 2.0 + 0.99 * (f64::from(q1[i].min(q2[i])) - 0.5 * (log_pi + agent.target_entropy));
+        let expected = 2.0 + 0.99 * (f64::from(q1[i].min(q2[i])) - 0.5 * (log_pi + learner.target_entropy));
         assert!(
             (f64::from(target[i]) - expected).abs() < 1e-3,
             "{} {expected}",
@@ -81,12 +104,14 @@ fn critics_see_shares_or_centred_ones() {
             ..tiny()
         }),
     );
-    let q = |agent: &DirichletSac, shares: [f32; 3]| {
-        values(
-            agent
-                .q_values(&agent.target_critics, &column(&[7.0]), matrix(shares.to_vec(), 3))
-                .0,
-        )[0]
+    let q = |agent: &DirichletSac, shares: [f64; 3]| {
+        computed(agent, |equations| {
+            let (seen, shares) = (
+                equations.constant([1, 1], &[7.0]),
+                equations.constant([1, 3], &shares),
+            );
+            agent.learner.values(&agent.learner.target_critics, seen, shares)[0]
+        })
     };
     // Both agents have the same critics, so that scaled shares passed to the plain one have the same value.
     assert_eq!(q(&centred, [0.5, 0.5, 0.0]), q(&plain, [0.5, 0.5, -1.0]));
@@ -96,70 +121,128 @@ fn critics_see_shares_or_centred_ones() {
 #[test]
 fn the_temperature_rises_where_the_entropy_is_too_low() {
     let mut agent = agent(tiny());
-    let before = agent.temperature();
-    agent.update_temperature(-agent.target_entropy + 1.0);
-    assert!((agent.temperature() / before - 3e-4f64.exp()).abs() < 1e-9);
+    let learner = &agent.learner;
+    let before = learner.temperature.value(&agent.state);
+    let equations = Equations::new();
+    equations.routine("steer");
+    let log_density = equations.constant([1, 1], &[-learner.target_entropy + 1.0]);
+    learner.steer_temperature(log_density, 3e-4);
+    Processor::new(equations.into_graph()).run("steer", &mut agent.state);
+    let after = learner.temperature.value(&agent.state);
+    // The logarithm is an `f32` near -2.3, with a spacing of 2.4e-7.
+    assert!((after / before - 3e-4f64.exp()).abs() < 3e-7);
 }
 
-/// The loss of eq. 3.18 at draws that move with the concentrations along their known slopes `d ln g / d
-/// alpha`.
-fn loss_at_fixed_quantiles(agent: &DirichletSac, policy: &PolicyNetwork, observations: &Tensor<2>) -> f64 {
-    let start = agent.concentrations(&agent.policy.network().valid(), observations);
-    let mut rng = stream(&["fixed"]);
-    let draws: Vec<_> = values(start.clone())
-        .chunks(3)
-        .map(|row| {
-            let row: Vec<f64> = row.iter().map(|alpha| f64::from(*alpha)).collect();
-            numerics::dirichlet::sample_with_gradient(&row, &mut rng)
-        })
-        .collect();
-    #[allow(clippy::cast_possible_truncation, reason = "tensors are f32")]
-    let tensor = |pick: fn(&numerics::dirichlet::Draw) -> &Vec<f64>| {
-        matrix(
-            draws
-                .iter()
-                .flat_map(|draw| pick(draw).iter().map(|x| *x as f32))
-                .collect(),
-            3,
-        )
-    };
-    let alpha = agent.concentrations(policy, observations);
-    let log_gamma = tensor(|draw| &draw.log_action) + tensor(|draw| &draw.slope) * (alpha.clone() - start);
-    let log_action = burn::tensor::activation::log_softmax(log_gamma, 1);
-    let (q1, q2) = agent.q_values(
-        &agent.critics.network().valid(),
-        observations,
-        log_action.clone().exp(),
-    );
-    f64::from(mean(
-        log_density(alpha, log_action) * agent.temperature() - q1.min_pair(q2),
-    ))
+/// Observations that are no batch of a replay.
+const SEEN: [f64; 16] = {
+    let mut seen = [0.0; 16];
+    let mut at = 0;
+    while at < 16 {
+        seen[at] = (at as f64 + 0.5) / 8.0 - 1.0;
+        at += 1;
+    }
+    seen
+};
+
+/// Entries of the gradient of a loss in all parameters of the policy.
+fn policy_gradient(
+    agent: &DirichletSac,
+    loss: impl for<'e> FnOnce(Expression<'e>) -> Expression<'e>,
+) -> Vec<f64> {
+    computed(agent, |equations| {
+        let loss = loss(equations.constant([16, 1], &SEEN));
+        let wanted = parameters(&agent.learner.policy.networks(), equations);
+        let gradients = equations.gradients(loss, &wanted).into_iter();
+        let rows: Vec<_> = gradients
+            .map(|gradient| gradient.reshape([1, gradient.n_rows() * gradient.n_columns()]))
+            .collect();
+        equations.join(&rows)
+    })
+}
+
+/// Concentrations at [`SEEN`].
+fn alphas<'e>(learner: &Learner, equations: &'e Equations) -> Expression<'e> {
+    learner.concentrations(equations.constant([16, 1], &SEEN))
+}
+
+/// The loss of eq. 3.18 at draws that move with the concentrations along their known slopes `d ln g / d alpha`,
+/// which finite differences see, too.
+fn at_fixed_quantiles<'e>(learner: &Learner, seen: Expression<'e>, parts: [&[f64]; 3]) -> Expression<'e> {
+    let [start, log_gamma, slope] = parts.map(|part| seen.equations().constant([16, 3], part));
+    let alpha = learner.concentrations(seen);
+    let log_action = (log_gamma + slope * (alpha - start)).log_softmax();
+    let action = log_action.exp();
+    learner.policy_loss(seen, alpha, Draw { action, log_action }).0
 }
 
 #[test]
 fn the_policy_gradient_agrees_with_finite_differences_through_the_sample() {
     let agent = agent(Config { width: 4, ..tiny() });
-    let observations = matrix((0..16u8).map(|i| (f32::from(i) + 0.5) / 8.0 - 1.0).collect(), 1);
-    let (loss, _) = agent.policy_loss(&observations, &mut stream(&["fixed"])).unwrap();
-    let analytic = numerics::optimizer::gradients(agent.policy.network(), &mut loss.backward());
-    let plain = agent.policy.network().valid();
-    let numbers = parameters(&plain);
-    for p in 0..numbers.len() {
-        let at = |step: f32| {
-            let mut moved = numbers.clone();
-            moved[p].values[0] += step;
-            loss_at_fixed_quantiles(
-                &agent,
-                &with_parameters(plain.clone(), &moved).unwrap(),
-                &observations,
-            )
+    let learner = &agent.learner;
+    let start = computed(&agent, |equations| alphas(learner, equations));
+    let log_gamma = computed(&agent, |equations| alphas(learner, equations).log_gamma_draw());
+    let slope: Vec<f64> = start
+        .iter()
+        .zip(&log_gamma)
+        .map(|(alpha, log)| log_gamma_slope(*alpha, *log))
+        .collect();
+    let parts = [&start[..], &log_gamma, &slope];
+    let fixed = policy_gradient(&agent, |seen| at_fixed_quantiles(learner, seen, parts));
+    let drawn = policy_gradient(&agent, |seen| {
+        let alpha = learner.concentrations(seen);
+        learner.policy_loss(seen, alpha, sample(alpha)).0
+    });
+    let largest = fixed.iter().fold(0.0_f64, |largest, g| largest.max(g.abs()));
+    assert!(largest > 1e-3, "{largest}");
+    assert!(
+        fixed
+            .iter()
+            .zip(&drawn)
+            .all(|(a, b)| (a - b).abs() < 1e-9 * largest),
+        "{fixed:?} {drawn:?}"
+    );
+    let batch = BatchRows {
+        n_rows: 1,
+        observations: vec![0.0],
+        actions: vec![0.0; 3],
+        rewards: vec![0.0],
+        next_observations: vec![0.0],
+        continues: vec![0.0],
+    };
+    assert_gradient(&learner.policy.networks(), &agent.state, &batch, |equations| {
+        let _ = BatchInputs::new(equations, 1, agent.replay.widths());
+        equations.routine("loss");
+        let seen = equations.constant([16, 1], &SEEN);
+        equations.output("loss", at_fixed_quantiles(learner, seen, parts));
+    });
+}
+
+#[test]
+fn the_critics_gradient_agrees_with_finite_differences() {
+    for network in [NetworkKind::Dense, NetworkKind::Equivariant] {
+        let interface =
+            crate::shared::seat::tests::allocation(&["voltage_1", "voltage_2", "voltage_3", "power"], &[], 3);
+        let config = Config {
+            network,
+            width: 4,
+            ..tiny()
         };
-        let (difference, gradient) = ((at(2e-3) - at(-2e-3)) / 4e-3, f64::from(analytic[p][0]));
-        assert!(
-            (difference - gradient).abs() < 1e-3 + 0.01 * gradient.abs(),
-            "{}: {difference} {gradient}",
-            numbers[p].name
-        );
+        let agent = DirichletSac::new(config, &interface, &mut stream(&["critics"])).unwrap();
+        let batch = BatchRows {
+            n_rows: 2,
+            observations: vec![0.1, -0.2, 0.4, 1.0, 0.5, 0.7, -0.3, 0.2],
+            actions: vec![0.2, 0.3, 0.5, 0.6, 0.3, 0.1],
+            rewards: vec![0.5, -1.0],
+            next_observations: vec![0.3, 0.2, -0.4, 0.9, 0.1, -0.7, 0.3, 0.4],
+            continues: vec![1.0, 0.0],
+        };
+        let learner = &agent.learner;
+        assert_gradient(&of_critics(&learner.critics), &agent.state, &batch, |equations| {
+            let inputs = BatchInputs::new(equations, 2, agent.replay.widths());
+            equations.routine("loss");
+            let target = learner.soft_target(inputs, &agent.config);
+            equations.output("loss", learner.critic_loss(inputs, target));
+        });
     }
 }
 
@@ -238,12 +321,37 @@ fn a_policy_is_taken_up_by_an_agent_of_the_same_shape_and_head_only() {
 }
 
 #[test]
+fn a_trial_begins_from_the_networks_of_another() {
+    let mut one = agent(Config {
+        first_temperature: 0.3,
+        ..tiny()
+    });
+    bandit::train(&mut one, 5, &mut stream(&["one"]));
+    let dir = tempfile::tempdir().unwrap();
+    one.export(dir.path()).unwrap();
+    let mut two = DirichletSac::new(tiny(), &bandit::interface(), &mut stream(&["two"])).unwrap();
+    two.begin_from(dir.path()).unwrap();
+    for network in one.learner.networks() {
+        for name in network.parameter_names() {
+            assert_eq!(one.state.entries(&name), two.state.entries(&name), "{name}");
+        }
+    }
+    let temperature = |agent: &DirichletSac| agent.learner.temperature.value(&agent.state);
+    assert_eq!(temperature(&one), temperature(&two));
+    let file = TensorFile::read(&dir.path().join(NETWORKS_FILE)).unwrap();
+    assert!(file.get("target_critics.Dense.second.layers.0.bias").is_ok());
+}
+
+#[test]
 fn a_cap_limits_the_concentrations() {
     let agent = agent(Config {
         concentration_cap: Some(1.2),
         ..tiny()
     });
-    let alpha = values(agent.concentrations(&agent.policy.network().valid(), &column(&[-1.0, 0.0, 1.0])));
+    let alpha = computed(&agent, |equations| {
+        let seen = equations.constant([3, 1], &[-1.0, 0.0, 1.0]);
+        agent.learner.concentrations(seen)
+    });
     assert!(alpha.iter().all(|alpha| (1.0..=1.2).contains(alpha)));
 }
 

@@ -3,6 +3,7 @@
 use crate::shared::{
     joint::ObservationScope,
     seat_network::{HiddenLayers, check_batch},
+    soft_learner::Settings,
 };
 use contract::{Error, Preset};
 use numerics::network::Activation;
@@ -164,6 +165,21 @@ impl Config {
     #[allow(clippy::cast_precision_loss, reason = "a number of entries is far below 2^52")]
     pub fn target_nats(&self, n: usize) -> f64 {
         self.target_entropy.unwrap_or(-(n as f64))
+    }
+
+    /// Constants of the updates of a seat whose action has `n` entries.
+    #[must_use]
+    pub fn settings(&self, n: usize) -> Settings {
+        let learned = self.temperature == Temperature::Automatic;
+        Settings {
+            actor_learning_rate: self.actor_learning_rate,
+            critic_learning_rate: self.critic_learning_rate,
+            temperature_learning_rate: learned.then_some(self.temperature_learning_rate),
+            gradient_clip: self.gradient_clip,
+            target_entropy: self.target_nats(n),
+            discount: self.discount,
+            target_smoothing: self.target_smoothing,
+        }
     }
 
     /// Size and activation of the hidden layers of every network.

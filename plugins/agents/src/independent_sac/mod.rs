@@ -12,7 +12,7 @@
 //! | log pi | `log_density` on the cube | `[batch, 1]` |
 //! | Q_1, Q_2 | `critics` of the seat | `[batch, 1]` each |
 //! | Q target | `target_critics` | `[batch, 1]` each |
-//! | alpha | temperature, kept as `log_temperature` | scalar per seat |
+//! | alpha | `temperature` | scalar per seat |
 //! | gamma, tau | `discount`, `target_smoothing` | scalars |
 //!
 //! Departures
@@ -34,27 +34,21 @@ mod tests;
 pub use config::{Config, Temperature};
 
 use crate::shared::{
-    checkpoint::{self, finite},
-    joint::{JointLayout, columns},
-    replay::{Batch, Replay},
+    batch::BatchInputs,
+    checkpoint,
+    joint::{JointLayout, ObservationScope},
+    replay::Replay,
     schedule::UpdateSchedule,
-    targets::{bootstrapped, half_squared_error, mean},
+    soft_learner::{self, ActionSet, Sizes, SoftLearner},
 };
-use burn::{module::Module, tensor::Tensor};
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
-use numerics::{
-    network::{Mlp, TwinMlp, values},
-    optimizer::{Adam, ScalarAdam, TrainedNetwork},
-    parameters::{restore, soft_update, store},
-    policy_file::{Head, Policy, Ports},
-    squashed::{mean_action, sample_exact},
-    tensor_file::TensorFile,
-};
-use serde::{Deserialize, Serialize};
-use std::path::Path;
+use numerics::policy_file::{Head, Policy, Ports};
+use plan::{Equations, Expression, Plans, State};
+use rand::RngCore;
+use std::{ops::Range, path::Path};
 
 const NAME: &str = "independent_sac";
 /// Gain of the policies' last layer: first means are close to zero and first deviations close to 1.
@@ -64,43 +58,21 @@ const POLICY_OUTPUT_GAIN: f64 = 0.1;
 #[derive(Debug, Clone)]
 pub struct IndependentSac {
     config: Config,
-    layout: JointLayout,
-    learners: Vec<Learner>,
+    seats: Seats,
+    state: State<f32>,
+    acting: Plans,
+    /// Updates of each seat.
+    learning: Vec<Plans>,
     replay: Replay,
     schedule: UpdateSchedule,
 }
 
-/// Networks and temperature of one seat.
+/// Learners of the seats, and what each of them sees.
 #[derive(Debug, Clone)]
-struct Learner {
-    policy: TrainedNetwork<Mlp>,
-    critics: TrainedNetwork<TwinMlp>,
-    target_critics: TwinMlp,
-    temperature: TemperatureState,
-    target_entropy: f64,
-}
-
-/// A temperature and its optimiser.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-struct TemperatureState {
-    log_temperature: f64,
-    adam: ScalarAdam,
-}
-
-/// Columns of a batch from which one seat learns.
-struct SeatBatch {
-    seen: Tensor<2>,
-    actions: Tensor<2>,
-    rewards: Tensor<2>,
-    next_seen: Tensor<2>,
-    continues: Tensor<2>,
-}
-
-/// State of a checkpoint besides its tensors.
-#[derive(Serialize, Deserialize)]
-struct Counters {
-    temperatures: Vec<TemperatureState>,
-    schedule: UpdateSchedule,
+struct Seats {
+    layout: JointLayout,
+    sight: ObservationScope,
+    learners: Vec<SoftLearner>,
 }
 
 /// Registers the agent.
@@ -151,211 +123,111 @@ impl IndependentSac {
     fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
         config.check()?;
         let layout = JointLayout::new(NAME, interface)?;
-        let learners = (0..layout.n_seats())
-            .map(|seat| Learner::new(&config, &layout, seat, rng))
-            .collect();
+        let (mut state, n_seats) = (State::default(), layout.n_seats());
+        let learner = |seat| {
+            let sizes = Sizes {
+                seen: config.sight.columns(&layout, seat).len(),
+                done: layout.acted(seat).len(),
+                policy: config.hidden(),
+                output_gain: POLICY_OUTPUT_GAIN,
+                critics: config.hidden(),
+            };
+            let (prefix, settings) = (format!("seat_{seat}."), config.settings(sizes.done));
+            let first_temperature = config.first_temperature;
+            let set = ActionSet::Box;
+            SoftLearner::new(&prefix, set, sizes, first_temperature, settings, &mut state, rng)
+        };
         Ok(Self {
-            learners,
+            seats: Seats {
+                learners: (0..n_seats).map(learner).collect(),
+                sight: config.sight,
+                layout: layout.clone(),
+            },
             replay: Replay::of_seats(config.replay_capacity, &layout),
+            state,
+            acting: Plans::default(),
+            learning: vec![Plans::default(); n_seats],
             schedule: UpdateSchedule::new(),
             config,
-            layout,
         })
     }
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let step = self.schedule.n_steps();
-        for seat in 0..self.layout.n_seats() {
-            let drawn = self
-                .replay
-                .sample_distinct(self.config.batch_size.min(self.replay.len()), rng);
-            let batch = self.seat_batch(seat, drawn);
-            let learner = &mut self.learners[seat];
-            learner.update_critics(&batch, self.config.discount, step, rng, record)?;
-            let log_pi = learner.update_policy(&batch, step, rng, record)?;
-            if self.config.temperature == Temperature::Automatic {
-                learner.update_temperature(log_pi);
+        let n_rows = self.config.batch_size.min(self.replay.len());
+        let (seats, widths) = (&self.seats, self.replay.widths());
+        for (seat, plans) in self.learning.iter_mut().enumerate() {
+            let mut batch = self.replay.draw_distinct(n_rows, rng);
+            if self.config.reward_normalisation {
+                self.replay.standardise_rewards(&mut batch);
             }
-            learner.follow(self.config.target_smoothing);
+            let plan = plans.of_rows(n_rows, |equations| {
+                let inputs = BatchInputs::new(equations, n_rows, widths);
+                equations.routine("update");
+                seats.learners[seat].update(seats.part(seat, inputs));
+            });
+            batch.write(plan);
+            plan.run_seeded("update", &mut self.state, rng.next_u64());
+            soft_learner::record(plan, self.schedule.n_steps(), record)?;
         }
         self.schedule.count_update();
         Ok(())
     }
+}
 
-    fn seat_batch(&self, seat: usize, batch: Batch) -> SeatBatch {
-        SeatBatch {
-            seen: self.seen(seat, &batch.observations),
-            actions: columns(&batch.actions, self.layout.acted(seat)),
-            rewards: self
-                .replay
-                .rewards_of(&batch, seat, self.config.reward_normalisation),
-            next_seen: self.seen(seat, &batch.next_observations),
+impl Seats {
+    /// Columns of the joint observation that a seat sees.
+    fn seen(&self, seat: usize) -> Range<usize> {
+        self.sight.columns(&self.layout, seat)
+    }
+
+    /// Columns of a batch from which one seat learns.
+    fn part<'e>(&self, seat: usize, batch: BatchInputs<'e>) -> BatchInputs<'e> {
+        BatchInputs {
+            observations: batch.observations.columns(self.seen(seat)),
+            actions: batch.actions.columns(self.layout.acted(seat)),
+            rewards: batch.rewards.columns(seat..seat + 1),
+            next_observations: batch.next_observations.columns(self.seen(seat)),
             continues: batch.continues,
         }
     }
 
-    fn seen(&self, seat: usize, observations: &Tensor<2>) -> Tensor<2> {
-        columns(observations, self.config.sight.columns(&self.layout, seat))
+    /// Joint actions, drawn and most likely ones.
+    fn act(&self, equations: &Equations, n_rows: usize) {
+        let joint = equations.input("observations", [n_rows, self.layout.n_observed()]);
+        let learners = || self.learners.iter().enumerate();
+        equations.routine("draw");
+        let own = learners().map(|(seat, learner)| learner.drawn(joint.columns(self.seen(seat))));
+        equations.output("drawn", equations.join(&own.collect::<Vec<Expression<'_>>>()));
+        equations.routine("choose");
+        let own = learners().map(|(seat, learner)| learner.chosen(joint.columns(self.seen(seat))));
+        equations.output("chosen", equations.join(&own.collect::<Vec<Expression<'_>>>()));
     }
 
-    fn own_action(&self, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2> {
-        let (seen, policy) = (
-            self.seen(seat, observations),
-            self.learners[seat].policy.network().valid(),
-        );
-        match mode {
-            Mode::Train => sample_exact(policy.forward(seen), rng).action,
-            Mode::Evaluate => mean_action(policy.forward(seen)),
-        }
-    }
-}
-
-impl Learner {
-    fn new(config: &Config, layout: &JointLayout, seat: usize, rng: &mut Rng) -> Self {
-        let (n_seen, n_done) = (config.sight.columns(layout, seat).len(), layout.acted(seat).len());
-        let hidden = config.hidden();
-        let policy = hidden.network(n_seen, 2 * n_done, POLICY_OUTPUT_GAIN, rng);
-        let mut critic = || hidden.network(n_seen + n_done, 1, 1.0, rng);
-        let critics = TwinMlp {
-            first: critic(),
-            second: critic(),
-        };
-        let adam = ScalarAdam::new(config.temperature_learning_rate);
-        Self {
-            target_critics: critics.valid(),
-            policy: TrainedNetwork::new(
-                policy,
-                Adam::new(config.actor_learning_rate, config.gradient_clip),
-            ),
-            critics: TrainedNetwork::new(
-                critics,
-                Adam::new(config.critic_learning_rate, config.gradient_clip),
-            ),
-            temperature: TemperatureState {
-                log_temperature: config.first_temperature.ln(),
-                adam,
-            },
-            target_entropy: config.target_nats(n_done),
-        }
-    }
-
-    /// Eq. 5: both critics descend the soft Bellman error.
-    fn update_critics(
-        &mut self,
-        batch: &SeatBatch,
-        discount: f64,
-        step: u64,
-        rng: &mut Rng,
-        record: &mut Recorder,
-    ) -> Result<(), Error> {
-        let target = self.soft_target(batch, discount, rng);
-        let (q1, q2) = self
-            .critics
-            .network()
-            .forward(joined(&batch.seen, batch.actions.clone()));
-        let loss = half_squared_error(q1, target.clone()) + half_squared_error(q2, target);
-        record.mean(
-            "critic_loss",
-            finite("critic_loss", step, values(loss.clone())[0])?,
-        );
-        self.critics.descend(&loss);
-        Ok(())
-    }
-
-    /// Eq. 2 and 3: reward plus the discounted soft value of the next observation, without gradients.
-    fn soft_target(&self, batch: &SeatBatch, discount: f64, rng: &mut Rng) -> Tensor<2> {
-        let next = sample_exact(
-            self.policy.network().valid().forward(batch.next_seen.clone()),
-            rng,
-        );
-        let (q1, q2) = self.target_critics.forward(joined(&batch.next_seen, next.action));
-        let soft_value = q1.min_pair(q2) - next.log_density * self.temperature();
-        bootstrapped(
-            batch.rewards.clone(),
-            batch.continues.clone(),
-            soft_value,
-            discount,
-        )
-    }
-
-    /// Eq. 9: the policy descends `alpha log pi - Q`; returns the mean of `log pi`.
-    fn update_policy(
-        &mut self,
-        batch: &SeatBatch,
-        step: u64,
-        rng: &mut Rng,
-        record: &mut Recorder,
-    ) -> Result<f64, Error> {
-        let (loss, log_pi, value) = self.policy_loss(self.policy.network(), batch, rng);
-        record.mean(
-            "policy_loss",
-            finite("policy_loss", step, values(loss.clone())[0])?,
-        );
-        self.policy.descend(&loss);
-        record.mean("policy_entropy", -f64::from(log_pi));
-        record.mean("mean_value", f64::from(value));
-        record.mean("temperature", self.temperature());
-        Ok(f64::from(log_pi))
-    }
-
-    /// Loss of eq. 9, and the means of `log pi` and of the lower critic.
-    fn policy_loss(&self, policy: &Mlp, batch: &SeatBatch, rng: &mut Rng) -> (Tensor<1>, f32, f32) {
-        let drawn = sample_exact(policy.forward(batch.seen.clone()), rng);
-        // Untracked critics: the gradient passes through them to the action alone.
-        let (q1, q2) = self
-            .critics
-            .network()
-            .valid()
-            .forward(joined(&batch.seen, drawn.action));
-        let q = q1.min_pair(q2);
-        let loss = (drawn.log_density.clone() * self.temperature() - q.clone()).mean();
-        (loss, mean(drawn.log_density), mean(q))
-    }
-
-    /// Eq. 18, for the logarithm of the temperature: it rises where the entropy is below its target.
-    fn update_temperature(&mut self, mean_log_pi: f64) {
-        let TemperatureState {
-            log_temperature,
-            adam,
-        } = &mut self.temperature;
-        *log_temperature = adam.step(*log_temperature, -(mean_log_pi + self.target_entropy));
-    }
-
-    fn temperature(&self) -> f64 {
-        self.temperature.log_temperature.exp()
-    }
-
-    fn follow(&mut self, tau: f64) {
-        self.target_critics = soft_update(
-            std::mem::take(&mut self.target_critics),
-            self.critics.network(),
-            tau,
-        );
-    }
-}
-
-fn joined(seen: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
-    Tensor::cat(vec![seen.clone(), actions], 1)
-}
-
-impl IndependentSac {
     /// Inputs and outputs of a seat's policy as its file describes them.
     fn ports(&self, seat: usize) -> Ports {
-        self.layout.ports(
-            self.config.sight.columns(&self.layout, seat),
-            self.layout.acted(seat),
-        )
+        self.layout.ports(self.seen(seat), self.layout.acted(seat))
     }
 }
 
 impl Agent for IndependentSac {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let joint = self.layout.observations(observations);
-        let own = (0..self.layout.n_seats())
-            .map(|seat| self.own_action(seat, &joint, mode, rng))
-            .collect();
-        self.layout
-            .actions(&values(Tensor::cat(own, 1)), self.schedule.n_steps())
+        let (seats, n_rows) = (&self.seats, observations.len());
+        let plan = self
+            .acting
+            .of_rows(n_rows, |equations| seats.act(equations, n_rows));
+        plan.write("observations", &seats.layout.observation_rows(observations));
+        let action = match mode {
+            Mode::Train => {
+                plan.run_seeded("draw", &mut self.state, rng.next_u64());
+                "drawn"
+            }
+            Mode::Evaluate => {
+                plan.run("choose", &mut self.state);
+                "chosen"
+            }
+        };
+        let joint = plan.entries(action);
+        seats.layout.actions(joint, self.schedule.n_steps())
     }
 
     fn learn(
@@ -381,79 +253,24 @@ impl Agent for IndependentSac {
         Ok(())
     }
 
-    fn updates(&self) -> Option<Updates> {
-        Some(
-            self.schedule
-                .updates(self.config.learning_starts, self.config.updates_per_step),
-        )
-    }
-
-    fn save(&self, dir: &Path) -> Result<(), Error> {
-        let mut file = TensorFile::default();
-        for (seat, learner) in self.learners.iter().enumerate() {
-            learner.policy.store(&format!("policy_{seat}"), &mut file);
-            learner.critics.store(&format!("critics_{seat}"), &mut file);
-            store(
-                &learner.target_critics,
-                &format!("target_critics_{seat}"),
-                &mut file,
-            );
-        }
-        self.replay.store(&mut file);
-        let temperatures = self.learners.iter().map(|learner| learner.temperature).collect();
-        checkpoint::write(
-            NAME,
-            dir,
-            file,
-            &Counters {
-                temperatures,
-                schedule: self.schedule,
-            },
-        )
-    }
-
-    fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, counters): (_, Counters) = checkpoint::read(NAME, dir)?;
-        let misfit = checkpoint::error_of(NAME);
-        for (seat, learner) in self.learners.iter_mut().enumerate() {
-            learner
-                .policy
-                .restore(&format!("policy_{seat}"), &file)
-                .map_err(&misfit)?;
-            learner
-                .critics
-                .restore(&format!("critics_{seat}"), &file)
-                .map_err(&misfit)?;
-            let target = restore(
-                learner.target_critics.clone(),
-                &format!("target_critics_{seat}"),
-                &file,
-            );
-            learner.target_critics = target.map_err(&misfit)?;
-        }
-        self.replay.restore(&file).map_err(&misfit)?;
-        for (learner, temperature) in self.learners.iter_mut().zip(counters.temperatures) {
-            learner.temperature = temperature;
-        }
-        self.schedule = counters.schedule;
-        Ok(())
-    }
+    checkpoint::keeps_state!(NAME);
 
     /// Writes one file per seat, in a folder with the seat's name.
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        for (seat, learner) in self.learners.iter().enumerate() {
-            let policy = Policy::new(learner.policy.network(), self.ports(seat), Head::Tanh);
+        for (seat, learner) in self.seats.learners.iter().enumerate() {
+            let policy = Policy::of_state(&learner.policy, &self.state, self.seats.ports(seat), Head::Tanh);
             policy
-                .write(&self.layout.folder(dir, seat)?)
+                .write(&self.seats.layout.folder(dir, seat)?)
                 .map_err(checkpoint::error_of(NAME))?;
         }
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        for seat in 0..self.learners.len() {
-            let (ports, folder) = (self.ports(seat), self.layout.place(dir, seat));
-            checkpoint::import_policy(NAME, &mut self.learners[seat].policy, &folder, &ports, Head::Tanh)?;
+        for (seat, learner) in self.seats.learners.iter().enumerate() {
+            let (ports, folder) = (self.seats.ports(seat), self.seats.layout.place(dir, seat));
+            let state = &mut self.state;
+            checkpoint::import_network(NAME, &learner.policy, state, &folder, &ports, Head::Tanh)?;
         }
         Ok(true)
     }

@@ -1,9 +1,18 @@
 //! Tests of the agent as a whole and of its equations.
 
 use super::*;
-use crate::shared::{coordination as game, joint::ObservationScope};
+use crate::shared::{
+    batch::BatchRows,
+    coordination as game,
+    gradient_checks::{assert_gradient, outputs},
+    soft_learner::joined,
+};
 use contract::random::stream;
-use numerics::{network::Activation, optimizer::gradients};
+use numerics::{
+    equations::network::{Network, lower},
+    network::Activation,
+};
+use plan::Processor;
 
 fn tiny() -> Config {
     Config {
@@ -22,109 +31,146 @@ fn agent(config: Config) -> IndependentSac {
     IndependentSac::new(config, &game::game(), &mut stream(&["isac"])).unwrap()
 }
 
-fn trained(config: Config) -> (IndependentSac, SeatBatch) {
+/// An agent after some updates, and a batch of its transitions.
+fn trained(config: Config) -> (IndependentSac, BatchRows) {
     let mut agent = agent(config);
     game::train(&mut agent, 6, &mut stream(&["some"]));
-    let batch = agent.seat_batch(1, agent.replay.sample_distinct(8, &mut stream(&["batch"])));
+    let batch = agent.replay.draw_distinct(8, &mut stream(&["batch"]));
     (agent, batch)
+}
+
+/// Begins a routine `loss` for a batch of 8, of which seat 1 reads its part.
+fn write<'e>(agent: &IndependentSac, equations: &'e Equations) -> BatchInputs<'e> {
+    let batch = BatchInputs::new(equations, 8, agent.replay.widths());
+    equations.routine("loss");
+    agent.seats.part(1, batch)
 }
 
 #[test]
 fn a_seat_reads_its_own_part() {
-    let agent = trained(tiny()).0;
-    let joint = agent.replay.latest(3);
-    let own = agent.seat_batch(1, joint.clone());
-    assert_eq!(values(own.actions), values(columns(&joint.actions, 1..2)));
-    assert_eq!(values(own.rewards), values(columns(&joint.rewards, 1..2)));
-    assert_eq!(values(own.seen), values(columns(&joint.observations, 1..2)));
-    let wide = trained(Config {
+    let read = |config| {
+        let (agent, batch) = trained(config);
+        let parts = outputs(
+            ["seen", "next", "done", "earned"],
+            &agent.state,
+            &batch,
+            |equations| {
+                let own = write(&agent, equations);
+                equations.output("seen", own.observations);
+                equations.output("next", own.next_observations);
+                equations.output("done", own.actions);
+                equations.output("earned", own.rewards);
+            },
+        );
+        (parts, batch)
+    };
+    let second = |joint: &[f32]| joint.iter().skip(1).step_by(2).copied().collect::<Vec<_>>();
+    let ([seen, next, actions, rewards], batch) = read(tiny());
+    assert_eq!(seen, second(&batch.observations));
+    assert_eq!(next, second(&batch.next_observations));
+    assert_eq!(actions, second(&batch.actions));
+    assert_eq!(rewards, second(&batch.rewards));
+    let ([seen, ..], batch) = read(Config {
         sight: ObservationScope::Joint,
         ..tiny()
-    })
-    .0;
-    assert_eq!(wide.seat_batch(1, joint).seen.dims(), [3, 2]);
+    });
+    assert_eq!(seen, batch.observations);
 }
 
 #[test]
 fn the_soft_target_by_hand() {
     let (agent, mut batch) = trained(tiny());
-    let learner = &agent.learners[1];
-    batch.continues = batch.continues.ones_like();
-    let y = values(learner.soft_target(&batch, 0.95, &mut stream(&["noise"])));
-    let next = sample_exact(
-        learner.policy.network().valid().forward(batch.next_seen.clone()),
-        &mut stream(&["noise"]),
-    );
-    let (q1, q2) = learner
-        .target_critics
-        .forward(joined(&batch.next_seen, next.action));
-    let (q1, q2, log_pi, r) = (
-        values(q1),
-        values(q2),
-        values(next.log_density),
-        values(batch.rewards),
-    );
-    let alpha = learner.temperature() as f32;
-    assert!((0..8).all(|i| (y[i] - (r[i] + 0.95 * (q1[i].min(q2[i]) - alpha * log_pi[i]))).abs() < 1e-5));
+    let learner = &agent.seats.learners[1];
+    batch.continues.fill(1.0);
+    // Draws of a routine are numbered, so that the target's draw is that of `next`.
+    let [y] = outputs(["target"], &agent.state, &batch, |equations| {
+        equations.output("target", learner.soft_target(write(&agent, equations)));
+    });
+    let names = ["lower", "log_pi", "earned"];
+    let [q, log_pi, r] = outputs(names, &agent.state, &batch, |equations| {
+        let own = write(&agent, equations);
+        let next = learner.draw(own.next_observations);
+        let seen = joined(own.next_observations, next.action);
+        equations.output("lower", lower(&learner.target_critics, seen));
+        equations.output("log_pi", next.log_density);
+        equations.output("earned", own.rewards);
+    });
+    let alpha = learner.temperature.value(&agent.state) as f32;
+    assert!((0..8).all(|i| (y[i] - (r[i] + 0.95 * (q[i] - alpha * log_pi[i]))).abs() < 1e-5));
 }
 
 #[test]
-fn the_policy_gradient_agrees_with_finite_differences() {
+fn the_gradients_agree_with_finite_differences() {
     let (agent, batch) = trained(Config {
         width: 5,
         activation: Activation::Tanh,
         ..tiny()
     });
-    let learner = &agent.learners[1];
-    game::assert_gradient(learner.policy.network(), |policy| {
-        learner.policy_loss(policy, &batch, &mut stream(&["xi"])).0
+    let learner = &agent.seats.learners[1];
+    assert_gradient(&[&learner.policy], &agent.state, &batch, |equations| {
+        let loss = learner.policy_loss(write(&agent, equations)).0;
+        equations.output("loss", loss);
+    });
+    let [first, second] = &learner.critics;
+    assert_gradient(&[first, second], &agent.state, &batch, |equations| {
+        let own = write(&agent, equations);
+        let loss = learner.critic_loss(own, learner.soft_target(own));
+        equations.output("loss", loss);
     });
 }
 
+/// Whether each parameter of a network differs between two states.
+fn changes(network: &Network, before: &State<f32>, after: &State<f32>) -> Vec<bool> {
+    let names = network.parameter_names();
+    let differs = |name: &String| before.entries(name) != after.entries(name);
+    names.iter().map(differs).collect()
+}
+
 #[test]
-fn no_gradient_reaches_the_critics_or_another_seat() {
-    let (agent, batch) = trained(tiny());
-    let learner = &agent.learners[1];
-    let (loss, ..) = learner.policy_loss(learner.policy.network(), &batch, &mut stream(&["xi"]));
-    let mut reached = loss.backward();
-    assert!(
-        gradients(learner.policy.network(), &mut reached)
-            .iter()
-            .all(|g| !g.is_empty())
-    );
-    assert!(
-        gradients(learner.critics.network(), &mut reached)
-            .concat()
-            .is_empty()
-    );
-    assert!(
-        gradients(agent.learners[0].policy.network(), &mut reached)
-            .concat()
-            .is_empty()
-    );
+fn a_step_of_the_policy_reaches_no_critic_and_no_other_seat() {
+    let (agent, batch) = trained(Config {
+        critic_learning_rate: 0.0,
+        ..tiny()
+    });
+    let (learners, mut after) = (&agent.seats.learners, agent.state.clone());
+    let equations = Equations::new();
+    learners[1].update(write(&agent, &equations));
+    let mut processor = Processor::new(equations.into_graph());
+    batch.write(&mut processor);
+    processor.run_seeded("loss", &mut after, 3);
+    let changed = |network| changes(network, &agent.state, &after);
+    assert!(changed(&learners[1].policy).iter().all(|changed| *changed));
+    let [own, other] = [1, 0].map(|seat| &learners[seat]);
+    let still = own.critics.iter().chain(&other.critics).chain([&other.policy]);
+    assert!(still.flat_map(changed).all(|changed| !changed));
 }
 
 #[test]
 fn a_fixed_temperature_stays_and_an_automatic_one_moves() {
-    let fixed = trained(Config {
+    let (fixed, _) = trained(Config {
         temperature: Temperature::Fixed,
         target_entropy: None,
         ..tiny()
-    })
-    .0;
-    assert!((fixed.learners[0].temperature() - 0.005).abs() < 1e-12);
-    let mut learner = agent(Config {
+    });
+    let temperature = |agent: &IndependentSac| agent.seats.learners[0].temperature.value(&agent.state);
+    assert!((temperature(&fixed) - 0.005).abs() < 1e-9);
+    let mut automatic = agent(Config {
         temperature_learning_rate: 0.1,
         ..tiny()
-    })
-    .learners
-    .remove(0);
-    let before = learner.temperature();
+    });
+    let before = temperature(&automatic);
+    let mut update = |log_density: f64| {
+        let equations = Equations::new();
+        equations.routine("steer");
+        let log_density = equations.constant([1, 1], &[log_density]);
+        automatic.seats.learners[0].steer_temperature(log_density);
+        Processor::new(equations.into_graph()).run("steer", &mut automatic.state);
+        temperature(&automatic)
+    };
     // An entropy of 1 is above the target of -2, one of -3 is below it.
-    learner.update_temperature(-1.0);
-    assert!(learner.temperature() < before);
-    (0..20).for_each(|_| learner.update_temperature(3.0));
-    assert!(learner.temperature() > before);
+    assert!(update(-1.0) < before);
+    let after = (0..20).map(|_| update(3.0)).last();
+    assert!(after.unwrap() > before);
 }
 
 #[test]

@@ -1,9 +1,9 @@
 //! The hyper-parameters of the Lyapunov actor-critics, each with the source of its default.
 
 use crate::shared::{scaling::ObservationScaling, seat_network::check_batch};
-use burn::tensor::Tensor;
 use contract::{Error, Preset};
 use numerics::network::Activation;
+use plan::Expression;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -120,12 +120,12 @@ pub enum SmoothnessNorm {
 const LEAST_SQUARE: f64 = 1e-12;
 
 impl SmoothnessNorm {
-    /// Norm `[1]` of differences `[batch, n]`.
+    /// Norm `[1, 1]` of differences `[batch, n]`.
     #[must_use]
-    pub fn of(self, moves: Tensor<2>) -> Tensor<1> {
+    pub fn of(self, moves: Expression<'_>) -> Expression<'_> {
         let squares = moves.square();
         match self {
-            Self::Mean => (squares.sum_dim(1) + LEAST_SQUARE).sqrt().mean(),
+            Self::Mean => (squares.sum_columns() + LEAST_SQUARE).sqrt().mean(),
             Self::Frobenius => (squares.sum() + LEAST_SQUARE).sqrt(),
         }
     }
@@ -311,7 +311,7 @@ impl contract::Config for ClacConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use numerics::network::{matrix, values};
+    use crate::shared::gradient_checks::computed;
 
     #[test]
     fn clac_is_lac_with_the_smoothness_term() {
@@ -366,15 +366,19 @@ mod tests {
     /// Differences (3, 4) and (0, 1): lengths 5 and 1, Frobenius norm sqrt(26); equal actions have length 0.
     #[test]
     fn norms_by_hand() {
-        let of = |norm: SmoothnessNorm, moves: &[f32]| values(norm.of(matrix(moves.to_vec(), 2)))[0];
+        let of = |norm: SmoothnessNorm, moves: &[f64]| {
+            computed(|equations| norm.of(equations.constant([2, 2], moves)))[0]
+        };
         let moves = [3.0, 4.0, 0.0, 1.0];
         assert!((of(SmoothnessNorm::Mean, &moves) - 3.0).abs() < 1e-6);
         assert!((of(SmoothnessNorm::Frobenius, &moves) - 26f32.sqrt()).abs() < 1e-6);
         for norm in [SmoothnessNorm::Mean, SmoothnessNorm::Frobenius] {
             assert!(of(norm, &[0.0; 4]) < 2e-6);
-            let still = Tensor::<2>::from_inner(matrix(vec![0.0; 4], 2)).require_grad();
-            let slope = still.grad(&norm.of(still.clone()).backward()).unwrap();
-            assert_eq!(values(slope), [0.0; 4], "{norm:?}");
+            let slope = computed(|equations| {
+                let still = equations.constant([2, 2], &[0.0; 4]);
+                equations.gradients(norm.of(still), &[still])[0]
+            });
+            assert_eq!(slope, [0.0; 4], "{norm:?}");
         }
     }
 

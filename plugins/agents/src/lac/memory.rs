@@ -4,16 +4,19 @@
 //! The observation before a transition lies behind the action in a row of the buffer, so that a draw keeps
 //! them together. The first transition of an episode has none and is not stored then.
 
-use crate::shared::{joint::columns, replay::Replay, scaling::Scaling};
-use burn::tensor::Tensor;
+use crate::shared::{
+    batch::{BatchInputs, BatchRows, BatchWidths},
+    replay::Replay,
+    scaling::Scaling,
+};
 use contract::{End, Rng, Transition};
 use numerics::tensor_file::{TensorFile, TensorFileError};
+use plan::Expression;
 
 /// The buffer, and the latest observation of each environment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Memory {
     replay: Replay,
-    n_acted: usize,
     options: MemoryOptions,
     before: PreviousObservations,
 }
@@ -30,21 +33,37 @@ pub struct MemoryOptions {
 /// Scaled observation before the next transition of each environment; `None` where an episode begins.
 pub type PreviousObservations = Vec<Option<Vec<f64>>>;
 
-/// A batch of transitions as tensors without gradients.
-#[derive(Debug, Clone)]
-pub struct MemoryBatch {
+/// A batch in equations.
+#[derive(Debug, Clone, Copy)]
+pub struct MemoryInputs<'e> {
     /// Observations s, `[batch, observed]`.
-    pub observations: Tensor<2>,
+    pub observations: Expression<'e>,
     /// Actions a, `[batch, n]`.
-    pub actions: Tensor<2>,
+    pub actions: Expression<'e>,
     /// Costs c, `[batch, 1]`.
-    pub costs: Tensor<2>,
+    pub costs: Expression<'e>,
     /// Next observations s', `[batch, observed]`.
-    pub next_observations: Tensor<2>,
+    pub next_observations: Expression<'e>,
     /// 1 where a value follows, else 0, `[batch, 1]`.
-    pub continues: Tensor<2>,
+    pub continues: Expression<'e>,
     /// Observations before s, `[batch, observed]`, where they are stored.
-    pub before: Option<Tensor<2>>,
+    pub before: Option<Expression<'e>>,
+}
+
+impl<'e> MemoryInputs<'e> {
+    /// The parts of a batch with actions of `n_acted` entries.
+    #[must_use]
+    pub fn of(batch: BatchInputs<'e>, n_acted: usize) -> Self {
+        let before = n_acted..batch.actions.n_columns();
+        Self {
+            observations: batch.observations,
+            actions: batch.actions.columns(0..n_acted),
+            costs: -batch.rewards,
+            next_observations: batch.next_observations,
+            continues: batch.continues,
+            before: (!before.is_empty()).then(|| batch.actions.columns(before)),
+        }
+    }
 }
 
 impl Memory {
@@ -54,7 +73,6 @@ impl Memory {
         let beside = if options.before { n_observed } else { 0 };
         Self {
             replay: Replay::new(capacity, n_observed, n_acted + beside, 1),
-            n_acted,
             options,
             before: Vec::new(),
         }
@@ -87,19 +105,16 @@ impl Memory {
         }
     }
 
-    /// Draws at most `n` different transitions uniformly.
-    pub fn sample(&self, n: usize, rng: &mut Rng) -> MemoryBatch {
-        let batch = self.replay.sample_distinct(n.min(self.replay.len()), rng);
-        let stored = batch.actions.dims()[1];
-        let before = self.n_acted..stored;
-        MemoryBatch {
-            observations: batch.observations,
-            actions: columns(&batch.actions, 0..self.n_acted),
-            costs: batch.rewards.neg(),
-            next_observations: batch.next_observations,
-            continues: batch.continues,
-            before: (!before.is_empty()).then(|| columns(&batch.actions, before)),
-        }
+    /// Draws at most `n` different transitions uniformly; an action is followed by the observation before it where
+    /// that is stored.
+    pub fn sample(&self, n: usize, rng: &mut Rng) -> BatchRows {
+        self.replay.draw_distinct(n.min(self.replay.len()), rng)
+    }
+
+    /// Numbers of entries of a sample.
+    #[must_use]
+    pub fn widths(&self) -> BatchWidths {
+        self.replay.widths()
     }
 
     /// Latest observations, which a checkpoint keeps beside [`Memory::store`].
@@ -133,7 +148,6 @@ mod tests {
     use super::*;
     use crate::shared::scaling::ObservationScaling;
     use contract::{Channel, Observation, random::stream};
-    use numerics::network::values;
 
     fn memory(before: bool, bootstrap_at_time_limit: bool) -> Memory {
         let options = MemoryOptions {
@@ -169,26 +183,19 @@ mod tests {
     /// Columns of all stored transitions, sorted by observation.
     fn rows(memory: &Memory) -> Vec<[f32; 6]> {
         let drawn = memory.sample(99, &mut stream(&["memory"]));
-        let [seen, done, costs, next, goes_on] = [
-            &drawn.observations,
-            &drawn.actions,
-            &drawn.costs,
-            &drawn.next_observations,
-            &drawn.continues,
-        ]
-        .map(|it| values(it.clone()));
-        let before = drawn.before.map_or(vec![f32::NAN; seen.len()], values);
+        let width = memory.widths().acted;
         let row = |at: usize| {
+            let done = &drawn.actions[at * width..(at + 1) * width];
             [
-                before[at],
-                seen[at],
-                done[2 * at],
-                costs[at],
-                next[at],
-                goes_on[at],
+                done.get(2).copied().unwrap_or(f32::NAN),
+                drawn.observations[at],
+                done[0],
+                -drawn.rewards[at],
+                drawn.next_observations[at],
+                drawn.continues[at],
             ]
         };
-        let mut rows: Vec<_> = (0..seen.len()).map(row).collect();
+        let mut rows: Vec<_> = (0..drawn.n_rows).map(row).collect();
         rows.sort_by(|a, b| a[1].total_cmp(&b[1]));
         rows
     }

@@ -43,6 +43,7 @@
 
 mod config;
 mod exploration;
+mod learner;
 mod memory;
 mod networks;
 #[cfg(test)]
@@ -51,34 +52,32 @@ mod tests;
 pub use config::{ClacConfig, Config, SmoothnessNorm};
 
 use crate::shared::{
+    batch::BatchInputs,
     box_seat::BoxSeat,
     checkpoint::{self, finite},
-    multiplier::Multiplier,
     schedule::UpdateSchedule,
     seat::mismatch,
-    targets::{bootstrapped, half_squared_error, mean},
 };
-use burn::{module::Module, tensor::Tensor};
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use exploration::Disturbance;
-use memory::{Memory, MemoryBatch, MemoryOptions, PreviousObservations};
-use networks::{Limits, value};
+use learner::Learner;
+use memory::{Memory, MemoryOptions, PreviousObservations};
 use numerics::{
-    network::{Mlp, matrix, values},
-    optimizer::{Adam, TrainedNetwork},
-    parameters::{restore, soft_update, store},
+    equations::state_file,
     policy_file::{Head, Policy},
-    squashed::{mean_action, sample_exact},
     tensor_file::TensorFile,
 };
+use plan::{Plans, State};
+use rand::RngCore;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const LAC: &str = "lac";
 const CLAC: &str = "clac";
+
 /// Agent of both algorithms.
 #[derive(Debug, Clone)]
 pub struct LyapunovActorCritic {
@@ -86,13 +85,10 @@ pub struct LyapunovActorCritic {
     config: Config,
     seat: BoxSeat,
     disturbance: Disturbance,
-    target_entropy: f64,
-    policy: TrainedNetwork<Mlp>,
-    lyapunov: TrainedNetwork<Mlp>,
-    target_policy: Mlp,
-    target_lyapunov: Mlp,
-    multiplier: Multiplier,
-    temperature: Multiplier,
+    learner: Learner,
+    state: State<f32>,
+    acting: Plans,
+    learning: Plans,
     memory: Memory,
     schedule: UpdateSchedule,
 }
@@ -100,18 +96,8 @@ pub struct LyapunovActorCritic {
 /// State of a checkpoint besides its tensors.
 #[derive(Serialize, Deserialize)]
 struct Counters {
-    multiplier: Multiplier,
-    temperature: Multiplier,
     before: PreviousObservations,
     schedule: UpdateSchedule,
-}
-
-/// Loss of the policy with the means of its parts.
-struct PolicyLoss {
-    loss: Tensor<1>,
-    violation: f64,
-    log_pi: f64,
-    action_change: Option<f64>,
 }
 
 /// Registers Lyapunov actor-critic.
@@ -184,14 +170,11 @@ fn metrics() -> Vec<Metric> {
 }
 
 impl LyapunovActorCritic {
-    #[allow(clippy::cast_precision_loss, reason = "a number of entries is far below 2^52")]
     fn new(name: &'static str, config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
         let seat = BoxSeat::new(name, config.observation_scaling, interface)?;
         config.check()?;
         let (n_seen, n_done) = (seat.n_observed(), seat.n_acted());
-        let policy = networks::policy(&config, n_seen, n_done, rng);
-        let lyapunov = networks::lyapunov(&config, n_seen, n_done, rng);
-        let adam = |rate| Adam::new(rate, config.gradient_clip);
+        let mut state = State::default();
         let options = MemoryOptions {
             before: config.smoothness > 0.0,
             bootstrap_at_time_limit: config.bootstrap_at_time_limit,
@@ -199,13 +182,10 @@ impl LyapunovActorCritic {
         Ok(Self {
             name,
             disturbance: Disturbance::new(&config, &seat)?,
-            target_entropy: config.target_entropy.unwrap_or(-(n_done as f64)),
-            target_policy: policy.valid(),
-            target_lyapunov: lyapunov.valid(),
-            policy: TrainedNetwork::new(policy, adam(config.actor_learning_rate)),
-            lyapunov: TrainedNetwork::new(lyapunov, adam(config.lyapunov_learning_rate)),
-            multiplier: Multiplier::new(config.first_multiplier, config.multiplier_learning_rate),
-            temperature: Multiplier::new(config.first_temperature, config.temperature_learning_rate),
+            learner: Learner::new(&config, [n_seen, n_done], &mut state, rng),
+            state,
+            acting: Plans::default(),
+            learning: Plans::default(),
             memory: Memory::new(config.replay_capacity, n_seen, n_done, options),
             schedule: UpdateSchedule::new(),
             config,
@@ -215,137 +195,50 @@ impl LyapunovActorCritic {
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         self.decline();
-        let batch = self.memory.sample(self.config.batch_size, rng);
-        self.update_lyapunov(&batch, rng, record)?;
-        let PolicyLoss {
-            violation, log_pi, ..
-        } = self.update_policy(&batch, rng, record)?;
-        // Eq. 2.9 and 2.8: the weights rise where the value falls too little and where the entropy is too
-        // low.
-        self.multiplier.rise_with(violation);
-        self.temperature.rise_with(log_pi + self.target_entropy);
-        self.follow();
+        let (learner, config, widths) = (&self.learner, &self.config, self.memory.widths());
+        let batch = self.memory.sample(config.batch_size, rng);
+        let plan = self.learning.of_rows(batch.n_rows, |equations| {
+            learner.update(BatchInputs::new(equations, batch.n_rows, widths), config);
+        });
+        batch.write(plan);
+        plan.run_seeded("update", &mut self.state, rng.next_u64());
+        for metric in ["lyapunov_loss", "policy_loss"] {
+            let loss = finite(metric, self.schedule.n_steps(), plan.number(metric))?;
+            record.mean(metric, loss);
+        }
+        let others = [
+            "mean_lyapunov",
+            "policy_entropy",
+            "violation",
+            "multiplier",
+            "temperature",
+        ];
+        let change = (config.smoothness > 0.0).then_some("action_change");
+        for metric in others.into_iter().chain(change) {
+            record.mean(metric, plan.number(metric));
+        }
         self.schedule.count_update();
         Ok(())
     }
 
     /// Sets the learning rates of the present step.
     fn decline(&mut self) {
+        let Config {
+            actor_learning_rate,
+            lyapunov_learning_rate,
+            multiplier_learning_rate,
+            temperature_learning_rate,
+            ..
+        } = self.config;
         let left = self.config.rate_left(self.schedule.n_steps());
-        self.policy
-            .set_learning_rate(left * self.config.actor_learning_rate);
-        self.lyapunov
-            .set_learning_rate(left * self.config.lyapunov_learning_rate);
-        self.multiplier
-            .set_learning_rate(left * self.config.multiplier_learning_rate);
-        self.temperature
-            .set_learning_rate(left * self.config.temperature_learning_rate);
-    }
-
-    /// Eq. 2.5: the Lyapunov critic descends half the squared error to its target.
-    fn update_lyapunov(
-        &mut self,
-        batch: &MemoryBatch,
-        rng: &mut Rng,
-        record: &mut Recorder,
-    ) -> Result<(), Error> {
-        let target = self.target(batch, rng);
-        let found = value(
-            self.lyapunov.network(),
-            &batch.observations,
-            batch.actions.clone(),
-        );
-        record.mean("mean_lyapunov", f64::from(mean(found.clone())));
-        let loss = half_squared_error(found, target);
-        record.mean(
-            "lyapunov_loss",
-            finite("lyapunov_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
-        );
-        self.lyapunov.descend(&loss);
-        Ok(())
-    }
-
-    /// Eq. 2.6: `c + gamma (1 - d) L_target(s', a')` with a sample of the target policy, without gradients.
-    fn target(&self, batch: &MemoryBatch, rng: &mut Rng) -> Tensor<2> {
-        let next = self
-            .limits()
-            .draw(&self.target_policy, &batch.next_observations, rng);
-        bootstrapped(
-            batch.costs.clone(),
-            batch.continues.clone(),
-            value(&self.target_lyapunov, &batch.next_observations, next.action),
-            self.config.discount,
-        )
-    }
-
-    fn update_policy(
-        &mut self,
-        batch: &MemoryBatch,
-        rng: &mut Rng,
-        record: &mut Recorder,
-    ) -> Result<PolicyLoss, Error> {
-        let found = self.policy_loss(self.policy.network(), batch, rng);
-        record.mean(
-            "policy_loss",
-            finite(
-                "policy_loss",
-                self.schedule.n_steps(),
-                values(found.loss.clone())[0],
-            )?,
-        );
-        self.policy.descend(&found.loss);
-        record.mean("policy_entropy", -found.log_pi);
-        record.mean("violation", found.violation);
-        record.mean("multiplier", self.weight());
-        record.mean("temperature", self.temperature.value());
-        if let Some(change) = found.action_change {
-            record.mean("action_change", change);
+        for (name, rate) in [
+            ("actor_learning_rate", actor_learning_rate),
+            ("lyapunov_learning_rate", lyapunov_learning_rate),
+            ("multiplier_learning_rate", multiplier_learning_rate),
+            ("temperature_learning_rate", temperature_learning_rate),
+        ] {
+            self.state.set_number(name, left * rate);
         }
-        Ok(found)
-    }
-
-    /// Eq. 2.7, and eq. 2.10 where the observation before is stored.
-    fn policy_loss(&self, policy: &Mlp, batch: &MemoryBatch, rng: &mut Rng) -> PolicyLoss {
-        let violation = self.violation(policy, batch, rng);
-        let head = self.limits().head(policy, &batch.observations);
-        let log_pi = sample_exact(head.clone(), rng).log_density.mean();
-        let mut loss = violation.clone() * self.weight() + log_pi.clone() * self.temperature.value();
-        let action_change = batch.before.as_ref().map(|before| {
-            let moves = mean_action(head) - mean_action(self.limits().head(policy, before));
-            self.config.smoothness_norm.of(moves)
-        });
-        if let Some(change) = &action_change {
-            loss = loss + change.clone() * self.config.smoothness;
-        }
-        let number = |x: Tensor<1>| f64::from(values(x)[0]);
-        PolicyLoss {
-            loss,
-            violation: number(violation),
-            log_pi: number(log_pi),
-            action_change: action_change.map(number),
-        }
-    }
-
-    /// `mean(L(s', f(eps, s')) - L(s, a) + alpha_3 c)`: above 0 where the Lyapunov value falls too little.
-    fn violation(&self, policy: &Mlp, batch: &MemoryBatch, rng: &mut Rng) -> Tensor<1> {
-        // An untracked critic: the gradient passes through it to the action alone.
-        let lyapunov = self.lyapunov.network().valid();
-        let next = self.limits().draw(policy, &batch.next_observations, rng).action;
-        let rise = value(&lyapunov, &batch.next_observations, next)
-            - value(&lyapunov, &batch.observations, batch.actions.clone());
-        (rise + batch.costs.clone() * self.config.decrease).mean()
-    }
-
-    fn limits(&self) -> Limits {
-        Limits {
-            low: self.config.log_sd_low,
-            high: self.config.log_sd_high,
-        }
-    }
-
-    /// Multiplier as it enters the loss, at most 1.
-    fn weight(&self) -> f64 {
-        self.multiplier.value().min(1.0)
     }
 
     /// Refuses negative costs: their discounted sum is no Lyapunov function.
@@ -360,20 +253,6 @@ impl LyapunovActorCritic {
         );
         Err(mismatch(self.name, problem))
     }
-
-    fn follow(&mut self) {
-        let tau = self.config.target_smoothing;
-        self.target_lyapunov = soft_update(
-            std::mem::take(&mut self.target_lyapunov),
-            self.lyapunov.network(),
-            tau,
-        );
-        self.target_policy = soft_update(
-            std::mem::take(&mut self.target_policy),
-            self.policy.network(),
-            tau,
-        );
-    }
 }
 
 impl Agent for LyapunovActorCritic {
@@ -382,13 +261,22 @@ impl Agent for LyapunovActorCritic {
         if mode == Mode::Train {
             self.disturbance.add_to(&mut seen, rng);
         }
-        let seen = matrix(seen, self.seat.n_observed());
-        let head = self.limits().head(&self.policy.network().valid(), &seen);
+        let (learner, shape) = (&self.learner, [observations.len(), self.seat.n_observed()]);
+        let plan = self.acting.of_rows(observations.len(), |equations| {
+            learner.act(equations.input("observations", shape));
+        });
+        plan.write("observations", &seen);
         let action = match mode {
-            Mode::Train => sample_exact(head, rng).action,
-            Mode::Evaluate => mean_action(head),
+            Mode::Train => {
+                plan.run_seeded("draw", &mut self.state, rng.next_u64());
+                "drawn"
+            }
+            Mode::Evaluate => {
+                plan.run("choose", &mut self.state);
+                "chosen"
+            }
         };
-        self.seat.actions(&values(action), self.schedule.n_steps())
+        self.seat.actions(plan.entries(action), self.schedule.n_steps())
     }
 
     fn learn(
@@ -423,14 +311,9 @@ impl Agent for LyapunovActorCritic {
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
         let mut file = TensorFile::default();
-        self.policy.store("policy", &mut file);
-        self.lyapunov.store("lyapunov", &mut file);
-        store(&self.target_policy, "target_policy", &mut file);
-        store(&self.target_lyapunov, "target_lyapunov", &mut file);
+        state_file::store(&self.state, &mut file);
         self.memory.store(&mut file);
         let counters = Counters {
-            multiplier: self.multiplier,
-            temperature: self.temperature,
             before: self.memory.before().clone(),
             schedule: self.schedule,
         };
@@ -440,25 +323,22 @@ impl Agent for LyapunovActorCritic {
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
         let (file, counters): (_, Counters) = checkpoint::read(self.name, dir)?;
         let misfit = checkpoint::error_of(self.name);
-        self.policy.restore("policy", &file).map_err(&misfit)?;
-        self.lyapunov.restore("lyapunov", &file).map_err(&misfit)?;
-        self.target_policy = restore(self.target_policy.clone(), "target_policy", &file).map_err(&misfit)?;
-        self.target_lyapunov =
-            restore(self.target_lyapunov.clone(), "target_lyapunov", &file).map_err(&misfit)?;
+        state_file::restore(&mut self.state, &file).map_err(&misfit)?;
         self.memory.restore(&file, counters.before).map_err(&misfit)?;
-        (self.multiplier, self.temperature, self.schedule) =
-            (counters.multiplier, counters.temperature, counters.schedule);
+        self.schedule = counters.schedule;
         Ok(())
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::new(self.policy.network(), self.seat.ports(), Head::Tanh);
+        let (policy, ports) = (&self.learner.policy, self.seat.ports());
+        let policy = Policy::of_state(policy, &self.state, ports, Head::Tanh);
         policy.write(dir).map_err(checkpoint::error_of(self.name))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        checkpoint::import_policy(self.name, &mut self.policy, dir, &self.seat.ports(), Head::Tanh)?;
+        let (policy, ports) = (&self.learner.policy, self.seat.ports());
+        checkpoint::import_network(self.name, policy, &mut self.state, dir, &ports, Head::Tanh)?;
         Ok(true)
     }
 }

@@ -1,36 +1,54 @@
 //! Networks of the Lyapunov actor-critics, and the meaning of their outputs.
 
 use super::config::Config;
-use burn::tensor::Tensor;
 use contract::Rng;
-use numerics::{
-    gaussian_head::mean_and_log_sd,
-    network::{Mlp, device},
-    squashed::{Draw, sample_exact},
+use numerics::equations::{
+    network::Network,
+    squashed::{Correction, Draw, log_sd, mean, sample},
 };
+use plan::{Expression, State};
 
-/// Creates a policy network: mean and ln sd of each entry of an action.
-pub fn policy(config: &Config, n_observed: usize, n_acted: usize, rng: &mut Rng) -> Mlp {
-    network(config, n_observed, Some(2 * n_acted), rng)
+/// Adds a policy network: mean and ln sd of each entry of an action.
+pub fn policy(
+    config: &Config,
+    n_observed: usize,
+    n_acted: usize,
+    state: &mut State<f32>,
+    rng: &mut Rng,
+) -> Network {
+    let network = described("policy", config, n_observed, Some(2 * n_acted));
+    network.initialise_glorot(state, rng);
+    network
 }
 
-/// Creates a Lyapunov network, which ends in its last hidden layer.
-pub fn lyapunov(config: &Config, n_observed: usize, n_acted: usize, rng: &mut Rng) -> Mlp {
-    network(config, n_observed + n_acted, None, rng)
+/// Adds a Lyapunov network, which ends in its last hidden layer.
+pub fn lyapunov(
+    config: &Config,
+    n_observed: usize,
+    n_acted: usize,
+    state: &mut State<f32>,
+    rng: &mut Rng,
+) -> Network {
+    let network = described("lyapunov", config, n_observed + n_acted, None);
+    network.initialise_glorot(state, rng);
+    network
 }
 
-fn network(config: &Config, inputs: usize, outputs: Option<usize>, rng: &mut Rng) -> Mlp {
+fn described(name: &str, config: &Config, inputs: usize, outputs: Option<usize>) -> Network {
     let hidden = vec![config.width; config.hidden_layers];
     let sizes: Vec<usize> = [inputs].into_iter().chain(hidden).chain(outputs).collect();
-    let activations = vec![config.activation; config.hidden_layers];
-    Mlp::glorot(&sizes, &activations, rng, &device().autodiff())
+    Network::new(name, &sizes, &vec![config.activation; config.hidden_layers])
 }
 
 /// `L(s, a)` `[batch, 1]`: the sum of the squares of the last hidden layer.
 #[must_use]
-pub fn value(lyapunov: &Mlp, observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
-    let last = lyapunov.forward(Tensor::cat(vec![observations.clone(), actions], 1));
-    last.square().sum_dim(1)
+pub fn value<'e>(
+    lyapunov: &Network,
+    observations: Expression<'e>,
+    actions: Expression<'e>,
+) -> Expression<'e> {
+    let last = lyapunov.apply(observations.equations().join(&[observations, actions]));
+    last.square().sum_columns()
 }
 
 /// Limits of ln sd.
@@ -45,14 +63,16 @@ pub struct Limits {
 impl Limits {
     /// Outputs of a policy with ln sd clamped to the limits.
     #[must_use]
-    pub fn head(self, policy: &Mlp, observations: &Tensor<2>) -> Tensor<2> {
-        let (mean, log_sd) = mean_and_log_sd(policy.forward(observations.clone()));
-        Tensor::cat(vec![mean, log_sd.clamp(self.low, self.high)], 1)
+    pub fn head<'e>(self, policy: &Network, observations: Expression<'e>) -> Expression<'e> {
+        let head = policy.apply(observations);
+        let held = log_sd(head).clamp(self.low, self.high);
+        head.equations().join(&[mean(head), held])
     }
 
     /// A sample of the policy's actions.
-    pub fn draw(self, policy: &Mlp, observations: &Tensor<2>, rng: &mut Rng) -> Draw {
-        sample_exact(self.head(policy, observations), rng)
+    #[must_use]
+    pub fn draw<'e>(self, policy: &Network, observations: Expression<'e>) -> Draw<'e> {
+        sample(self.head(policy, observations), Correction::Exact)
     }
 }
 
@@ -60,7 +80,7 @@ impl Limits {
 mod tests {
     use super::*;
     use contract::random::stream;
-    use numerics::network::{matrix, values};
+    use plan::{Equations, Processor};
 
     fn config() -> Config {
         Config {
@@ -69,20 +89,36 @@ mod tests {
         }
     }
 
-    fn rows(n: usize, columns: usize) -> Tensor<2> {
-        matrix(
-            (0..n * columns).map(|i| (i as f32 * 12.9898).sin()).collect(),
-            columns,
-        )
+    /// Entries of expressions of inputs without a pattern, with these numbers of columns and 8 rows.
+    fn computed<const N: usize, const M: usize>(
+        state: &mut State<f32>,
+        columns: [usize; N],
+        write: impl for<'e> FnOnce(&'e Equations, [Expression<'e>; N]) -> [Expression<'e>; M],
+    ) -> [Vec<f32>; M] {
+        let equations = Equations::new();
+        let inputs = columns.map(|columns| {
+            let entries: Vec<f64> = (0..8 * columns).map(|i| (i as f64 * 12.9898).sin()).collect();
+            equations.constant([8, columns], &entries)
+        });
+        equations.routine("compute");
+        for (at, found) in write(&equations, inputs).into_iter().enumerate() {
+            equations.output(&at.to_string(), found);
+        }
+        let mut plan = Processor::<f32>::new(equations.into_graph());
+        plan.run("compute", state);
+        std::array::from_fn(|at| plan.entries(&at.to_string()).to_vec())
     }
 
     #[test]
     fn the_value_is_the_sum_of_squares_of_the_last_hidden_layer() {
-        let lyapunov = lyapunov(&config(), 2, 1, &mut stream(&["lyapunov"]));
+        let mut state = State::default();
+        let lyapunov = lyapunov(&config(), 2, 1, &mut state, &mut stream(&["lyapunov"]));
         assert_eq!(lyapunov.sizes(), [3, 24, 24]);
-        let (seen, done) = (rows(8, 2), rows(8, 1));
-        let last = values(lyapunov.forward(Tensor::cat(vec![seen.clone(), done.clone()], 1)));
-        for (row, found) in last.chunks(24).zip(values(value(&lyapunov, &seen, done))) {
+        let [last, values] = computed(&mut state, [2, 1], |equations, [seen, done]| {
+            let last = lyapunov.apply(equations.join(&[seen, done]));
+            [last, value(&lyapunov, seen, done)]
+        });
+        for (row, found) in last.chunks(24).zip(values) {
             let expected: f32 = row.iter().map(|h| h * h).sum();
             assert!((found - expected).abs() < 1e-5 * (1.0 + expected) && found > 0.0);
         }
@@ -94,13 +130,15 @@ mod tests {
 
     #[test]
     fn deviations_stay_within_their_limits() {
-        let policy = policy(&config(), 2, 3, &mut stream(&["policy"]));
+        let mut state = State::default();
+        let policy = policy(&config(), 2, 3, &mut state, &mut stream(&["policy"]));
         let limits = Limits {
             low: -0.1,
             high: 0.05,
         };
-        let head = values(limits.head(&policy, &rows(8, 2)));
-        let free = values(policy.forward(rows(8, 2)));
+        let [head, free] = computed(&mut state, [2], |_, [seen]| {
+            [limits.head(&policy, seen), policy.apply(seen)]
+        });
         for (held, free) in head.chunks(6).zip(free.chunks(6)) {
             assert_eq!(held[..3], free[..3]);
             let clamped: Vec<f32> = free[3..].iter().map(|x| x.clamp(-0.1, 0.05)).collect();

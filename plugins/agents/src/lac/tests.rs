@@ -1,12 +1,20 @@
 //! Tests of the agents as a whole and of their equations.
 
+use super::memory::MemoryInputs;
+use super::networks::value;
 use super::*;
 use crate::shared::{
-    coordination::{self, assert_gradient},
+    batch::BatchRows,
+    coordination,
+    gradient_checks::{assert_gradient, outputs},
     regulator::{self, Plants},
 };
 use contract::random::stream;
-use numerics::{network::Activation, optimizer::gradients};
+use numerics::{
+    equations::{network::Network, squashed::mean_action},
+    network::Activation,
+};
+use plan::{Equations, Processor};
 
 fn tiny() -> Config {
     Config {
@@ -40,7 +48,7 @@ fn agent(config: Config) -> LyapunovActorCritic {
 }
 
 /// An agent after some updates, and a batch of its transitions.
-fn trained(config: Config) -> (LyapunovActorCritic, MemoryBatch) {
+fn trained(config: Config) -> (LyapunovActorCritic, BatchRows) {
     let (mut agent, mut rng) = (agent(config), stream(&["some"]));
     let mut plants = Plants::new(&mut rng);
     regulator::train(&mut agent, &mut plants, 8, &mut rng);
@@ -50,39 +58,50 @@ fn trained(config: Config) -> (LyapunovActorCritic, MemoryBatch) {
 
 /// An agent as in [`trained`], with smooth networks, and observations before so far away that no difference
 /// changes its sign.
-fn small(config: Config) -> (LyapunovActorCritic, MemoryBatch) {
+fn small(config: Config) -> (LyapunovActorCritic, BatchRows) {
     let (agent, mut batch) = trained(Config {
         width: 5,
         activation: Activation::Tanh,
         ..config
     });
-    batch.before = batch.before.map(|_| batch.observations.clone() + 1.0);
+    // An action of one entry, and two channels.
+    let width = agent.memory.widths().acted;
+    for (row, seen) in batch.actions.chunks_mut(width).zip(batch.observations.chunks(2)) {
+        row[1..]
+            .iter_mut()
+            .zip(seen)
+            .for_each(|(before, x)| *before = x + 1.0);
+    }
     (agent, batch)
 }
 
-fn loss(agent: &LyapunovActorCritic, policy: &Mlp, batch: &MemoryBatch) -> Tensor<1> {
-    agent.policy_loss(policy, batch, &mut stream(&["xi"])).loss
+/// Writes a routine `loss` for a batch of 8.
+fn write<'e>(agent: &LyapunovActorCritic, equations: &'e Equations) -> MemoryInputs<'e> {
+    let batch = BatchInputs::new(equations, 8, agent.memory.widths());
+    equations.routine("loss");
+    MemoryInputs::of(batch, 1)
 }
 
 #[test]
 fn the_target_by_hand() {
     let (agent, mut batch) = trained(tiny());
-    batch.continues = batch.continues.zeros_like();
-    let last = values(agent.target(&batch, &mut stream(&["noise"])));
-    assert_eq!(last, values(batch.costs.clone()), "nothing follows");
-    batch.continues = batch.continues.ones_like();
-    let y = values(agent.target(&batch, &mut stream(&["noise"])));
-    let next = agent.limits().draw(
-        &agent.target_policy,
-        &batch.next_observations,
-        &mut stream(&["noise"]),
-    );
-    let follows = values(value(
-        &agent.target_lyapunov,
-        &batch.next_observations,
-        next.action,
-    ));
-    let costs = values(batch.costs);
+    let learner = &agent.learner;
+    let mut found = |continues: f32| {
+        batch.continues.fill(continues);
+        // Draws of a routine are numbered, so that the target's draw is that of `next`.
+        let [target] = outputs(["target"], &agent.state, &batch, |equations| {
+            equations.output("target", learner.target(write(&agent, equations), 0.9));
+        });
+        let [follows] = outputs(["follows"], &agent.state, &batch, |equations| {
+            let seen = write(&agent, equations).next_observations;
+            let next = learner.limits.draw(&learner.target_policy, seen).action;
+            equations.output("follows", value(&learner.target_lyapunov, seen, next));
+        });
+        (target, follows)
+    };
+    let ((last, _), (y, follows)) = (found(0.0), found(1.0));
+    let costs: Vec<f32> = batch.rewards.iter().map(|reward| -reward).collect();
+    assert_eq!(last, costs, "nothing follows");
     assert!(costs.iter().all(|cost| *cost >= 0.0) && costs.iter().any(|cost| *cost > 0.1));
     assert!((0..8).all(|i| (y[i] - (costs[i] + 0.9 * follows[i])).abs() < 1e-5));
 }
@@ -93,46 +112,47 @@ fn the_policy_loss_by_hand() {
         decrease: 0.5,
         ..smooth(2.0, SmoothnessNorm::Mean)
     });
-    let policy = agent.policy.network().valid();
-    let found = agent.policy_loss(&policy, &batch, &mut stream(&["xi"]));
-    let mut rng = stream(&["xi"]);
-    let lyapunov = agent.lyapunov.network().valid();
-    let next = agent
-        .limits()
-        .draw(&policy, &batch.next_observations, &mut rng)
-        .action;
-    let after = values(value(&lyapunov, &batch.next_observations, next));
-    let now = values(value(&lyapunov, &batch.observations, batch.actions.clone()));
-    let costs = values(batch.costs.clone());
-    let violation = (0..8).map(|i| after[i] - now[i] + 0.5 * costs[i]).sum::<f32>() / 8.0;
-    let log_pi = mean(
-        agent
-            .limits()
-            .draw(&policy, &batch.observations, &mut rng)
-            .log_density,
-    );
-    let scored = |seen: &Tensor<2>| values(mean_action(policy.forward(seen.clone())));
-    let (here, before) = (
-        scored(&batch.observations),
-        scored(batch.before.as_ref().unwrap()),
-    );
-    let change = here.iter().zip(&before).map(|(a, b)| (a - b).abs()).sum::<f32>() / 8.0;
-    assert!((found.violation - f64::from(violation)).abs() < 1e-5);
-    assert!((found.log_pi - f64::from(log_pi)).abs() < 1e-5);
-    assert!(change > 1e-3 && (found.action_change.unwrap() - f64::from(change)).abs() < 1e-5);
-    let expected = agent.weight() * f64::from(violation)
-        + agent.temperature.value() * f64::from(log_pi)
-        + 2.0 * f64::from(change);
-    assert!((f64::from(values(found.loss)[0]) - expected).abs() < 1e-4);
+    let (learner, state) = (&agent.learner, &agent.state);
+    let names = ["loss", "violation", "log_pi", "action_change"];
+    let found = outputs(names, state, &batch, |equations| {
+        let found = learner.policy_loss(write(&agent, equations), &agent.config);
+        equations.output("loss", found.loss);
+        equations.output("violation", found.violation);
+        equations.output("log_pi", found.log_pi);
+        equations.output("action_change", found.action_change.unwrap());
+    });
+    let names = ["after", "now", "log_density", "here", "there"];
+    let [after, now, log_density, here, there] = outputs(names, state, &batch, |equations| {
+        let batch = write(&agent, equations);
+        let (seen, next_seen) = (batch.observations, batch.next_observations);
+        let next = learner.limits.draw(&learner.policy, next_seen).action;
+        equations.output("after", value(&learner.lyapunov, next_seen, next));
+        equations.output("now", value(&learner.lyapunov, seen, batch.actions));
+        let drawn = learner.limits.draw(&learner.policy, seen);
+        equations.output("log_density", drawn.log_density);
+        equations.output("here", mean_action(learner.policy.apply(seen)));
+        equations.output("there", mean_action(learner.policy.apply(batch.before.unwrap())));
+    });
+    let mean = |of: &dyn Fn(usize) -> f32| (0..8).map(|i| f64::from(of(i))).sum::<f64>() / 8.0;
+    let violation = mean(&|i| after[i] - now[i] - 0.5 * batch.rewards[i]);
+    let log_pi = mean(&|i| log_density[i]);
+    let change = mean(&|i| (here[i] - there[i]).abs());
+    let [loss, found_violation, found_log_pi, found_change] = found.map(|found| f64::from(found[0]));
+    assert!((found_violation - violation).abs() < 1e-5);
+    assert!((found_log_pi - log_pi).abs() < 1e-5);
+    assert!(change > 1e-3 && (found_change - change).abs() < 1e-5);
+    let weight = learner.multiplier.value(state).min(1.0);
+    let expected = weight * violation + learner.temperature.value(state) * log_pi + 2.0 * change;
+    assert!((loss - expected).abs() < 1e-4);
 }
 
 #[test]
 fn the_lyapunov_gradient_agrees_with_finite_differences() {
     let (agent, batch) = small(tiny());
-    let target = agent.target(&batch, &mut stream(&["xi"]));
-    assert_gradient(agent.lyapunov.network(), |lyapunov| {
-        let found = value(lyapunov, &batch.observations, batch.actions.clone());
-        half_squared_error(found, target.clone())
+    let learner = &agent.learner;
+    assert_gradient(&[&learner.lyapunov], &agent.state, &batch, |equations| {
+        let loss = learner.lyapunov_loss(write(&agent, equations), 0.9).0;
+        equations.output("loss", loss);
     });
 }
 
@@ -144,8 +164,12 @@ fn policy_gradients_agree_with_finite_differences() {
         (3.0, SmoothnessNorm::Frobenius),
     ] {
         let (agent, batch) = small(smooth(smoothness, norm));
-        assert_eq!(batch.before.is_some(), smoothness > 0.0);
-        assert_gradient(agent.policy.network(), |policy| loss(&agent, policy, &batch));
+        let learner = &agent.learner;
+        assert_gradient(&[&learner.policy], &agent.state, &batch, |equations| {
+            let batch = write(&agent, equations);
+            assert_eq!(batch.before.is_some(), smoothness > 0.0);
+            equations.output("loss", learner.policy_loss(batch, &agent.config).loss);
+        });
     }
 }
 
@@ -154,9 +178,12 @@ fn policy_gradients_agree_with_finite_differences() {
 fn smoothness_gradients_agree_with_finite_differences() {
     for norm in [SmoothnessNorm::Mean, SmoothnessNorm::Frobenius] {
         let (agent, batch) = small(smooth(1.0, norm));
-        assert_gradient(agent.policy.network(), |policy| {
-            let scored = |seen: &Tensor<2>| mean_action(policy.forward(seen.clone()));
-            norm.of(scored(&batch.observations) - scored(batch.before.as_ref().unwrap()))
+        let policy = &agent.learner.policy;
+        assert_gradient(&[policy], &agent.state, &batch, |equations| {
+            let batch = write(&agent, equations);
+            let [here, there] =
+                [batch.observations, batch.before.unwrap()].map(|seen| mean_action(policy.apply(seen)));
+            equations.output("loss", norm.of(here - there));
         });
     }
 }
@@ -164,17 +191,19 @@ fn smoothness_gradients_agree_with_finite_differences() {
 #[test]
 fn no_gradient_reaches_the_critic_from_the_policy() {
     let (agent, batch) = trained(smooth(1.0, SmoothnessNorm::Mean));
-    let mut reached = loss(&agent, agent.policy.network(), &batch).backward();
-    assert!(
-        gradients(agent.policy.network(), &mut reached)
-            .iter()
-            .all(|g| !g.is_empty())
-    );
-    assert!(
-        gradients(agent.lyapunov.network(), &mut reached)
-            .concat()
-            .is_empty()
-    );
+    let (learner, equations) = (&agent.learner, Equations::new());
+    learner.update_policy(write(&agent, &equations), &agent.config);
+    let (mut plan, mut state) = (Processor::new(equations.into_graph()), agent.state.clone());
+    batch.write(&mut plan);
+    plan.run_seeded("loss", &mut state, 3);
+    let moved = |network: &Network| {
+        let names = network.parameter_names().into_iter();
+        names
+            .map(|name| state.entries(&name) != agent.state.entries(&name))
+            .collect::<Vec<_>>()
+    };
+    assert!(moved(&learner.policy).into_iter().all(|it| it));
+    assert!(!moved(&learner.lyapunov).into_iter().any(|it| it));
 }
 
 /// The multiplier rises where the value falls too little, and counts as at most 1.
@@ -190,26 +219,35 @@ fn the_multiplier_rises_with_the_violation_and_is_clipped() {
         trained(fast).0
     };
     let violated = after(1e3);
-    assert!(violated.multiplier.value() > 0.55, "{:?}", violated.multiplier);
-    let mut held = violated.clone();
-    (0..100).for_each(|_| held.multiplier.rise_with(1e3));
-    assert!(held.multiplier.value() > 1.0);
-    assert_eq!(held.weight(), 1.0);
-    let mut kept = violated;
-    (0..100).for_each(|_| kept.multiplier.rise_with(-1e3));
-    assert!(kept.weight() < 0.1);
+    let (learner, state) = (&violated.learner, &violated.state);
+    assert!(learner.multiplier.value(state) > 0.55);
+    // The multiplier and its weight after further steps.
+    let further = |excess| {
+        let (equations, mut state) = (Equations::new(), state.clone());
+        equations.routine("rise");
+        let excess = equations.constant([1, 1], &[excess]);
+        learner.multiplier.rise_with(excess, 0.05);
+        equations.routine("weigh");
+        equations.output("weight", learner.weight(&equations));
+        let mut plan = Processor::<f32>::new(equations.into_graph());
+        (0..100).for_each(|_| plan.run("rise", &mut state));
+        plan.run("weigh", &mut state);
+        (learner.multiplier.value(&state), plan.number("weight"))
+    };
+    let (held, weight) = further(1e3);
+    assert!(held > 1.0);
+    assert_eq!(weight, 1.0);
+    assert!(further(-1e3).1 < 0.1);
 }
 
 #[test]
 fn the_temperature_steers_to_the_target_entropy() {
     let after = |target| {
-        trained(Config {
+        let (agent, _) = trained(Config {
             target_entropy: Some(target),
             ..tiny()
-        })
-        .0
-        .temperature
-        .value()
+        });
+        agent.learner.temperature.value(&agent.state)
     };
     // An entropy of at most ln 2 is far below 5, and far above -50.
     assert!(after(5.0) > 0.0501 && after(-50.0) < 0.0499);
@@ -217,7 +255,7 @@ fn the_temperature_steers_to_the_target_entropy() {
         target_entropy: None,
         ..tiny()
     });
-    assert_eq!(default.target_entropy, -1.0);
+    assert_eq!(default.learner.target_entropy, -1.0);
 }
 
 #[test]
@@ -233,7 +271,8 @@ fn without_learning_rates_left_nothing_moves() {
     regulator::train(&mut agent, &mut Plants::new(&mut rng), 8, &mut rng);
     assert_eq!(regulator::scored(&mut agent, &[0.4]), before);
     assert!(agent.updates().unwrap().made > 0);
-    assert_eq!(agent.multiplier.value(), Multiplier::new(0.9, 1.0).value());
+    let multiplier = agent.learner.multiplier.value(&agent.state);
+    assert_eq!(multiplier, f64::from(0.9f64.ln() as f32).exp());
 }
 
 #[test]

@@ -33,11 +33,20 @@ pub struct BatchRows {
 impl BatchRows {
     /// Writes the inputs that [`BatchInputs::new`] has added.
     pub fn write(&self, processor: &mut Processor<f32>) {
-        processor.write("observations", &self.observations);
-        processor.write("actions", &self.actions);
-        processor.write("rewards", &self.rewards);
-        processor.write("next_observations", &self.next_observations);
-        processor.write("continues", &self.continues);
+        self.write_named("", processor);
+    }
+
+    /// Writes the inputs that [`BatchInputs::named`] has added.
+    pub fn write_named(&self, prefix: &str, processor: &mut Processor<f32>) {
+        for (name, entries) in [
+            ("observations", &self.observations),
+            ("actions", &self.actions),
+            ("rewards", &self.rewards),
+            ("next_observations", &self.next_observations),
+            ("continues", &self.continues),
+        ] {
+            processor.write(&format!("{prefix}{name}"), entries);
+        }
     }
 }
 
@@ -60,7 +69,13 @@ impl<'e> BatchInputs<'e> {
     /// Adds the inputs of a batch.
     #[must_use]
     pub fn new(equations: &'e Equations, rows: usize, widths: BatchWidths) -> Self {
-        let input = |name: &str, columns: usize| equations.input(name, [rows, columns]);
+        Self::named("", equations, rows, widths)
+    }
+
+    /// Adds the inputs of one batch of several, with names that begin with `prefix`.
+    #[must_use]
+    pub fn named(prefix: &str, equations: &'e Equations, rows: usize, widths: BatchWidths) -> Self {
+        let input = |name: &str, columns: usize| equations.input(&format!("{prefix}{name}"), [rows, columns]);
         Self {
             observations: input("observations", widths.observed),
             actions: input("actions", widths.acted),

@@ -104,6 +104,8 @@ mod tests {
     #[test]
     fn a_weight_rises_with_an_excess_and_stays_above_zero() {
         assert!((after(3.0, 1, 0.1) - 0.5 * 0.1f64.exp()).abs() < 1e-6);
+        // Every step against a constant gradient has this size.
+        assert!((after(-0.7, 3, 0.01) - 0.5 * (-0.03f64).exp()).abs() < 1e-6);
         let fallen = after(-3.0, 200, 0.1);
         assert!(fallen > 0.0 && fallen < 1e-6);
         assert!((after(3.0, 5, 0.0) - 0.5).abs() < 1e-7);

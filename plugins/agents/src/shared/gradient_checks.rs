@@ -2,7 +2,7 @@
 
 use super::batch::BatchRows;
 use numerics::equations::network::Network;
-use plan::{Equations, State, differences::largest_error};
+use plan::{Equations, Expression, State, differences::largest_error};
 
 /// Asserts that the gradients of the output `loss` of the routine `loss` in all parameters of some networks agree with
 /// central differences. `write` writes the inputs of a batch, the routine and the output.
@@ -12,12 +12,20 @@ pub fn assert_gradient(
     batch: &BatchRows,
     write: impl FnOnce(&Equations),
 ) {
+    let networks = networks.iter();
+    let names: Vec<String> = networks.flat_map(|network| network.parameter_names()).collect();
+    assert_gradient_in(&names, state, batch, write);
+}
+
+/// As [`assert_gradient`], in the parameters of these names.
+pub fn assert_gradient_in(
+    names: &[String],
+    state: &State<f32>,
+    batch: &BatchRows,
+    write: impl FnOnce(&Equations),
+) {
     let equations = Equations::new();
     write(&equations);
-    let names: Vec<String> = networks
-        .iter()
-        .flat_map(|network| network.parameter_names())
-        .collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let wide = |entries: &[f32]| entries.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
     let graph = equations.into_graph();
@@ -45,4 +53,15 @@ pub fn outputs<const N: usize>(
     batch.write(&mut processor);
     processor.run_seeded("loss", &mut state.clone(), 3);
     names.map(|name| processor.entries(name).to_vec())
+}
+
+/// Entries of an expression without inputs and parameters.
+pub fn computed(write: impl for<'e> FnOnce(&'e Equations) -> Expression<'e>) -> Vec<f32> {
+    let equations = Equations::new();
+    equations.routine("computed");
+    // The expression may be a leaf.
+    equations.output("computed", write(&equations) * 1.0);
+    let mut processor = plan::Processor::<f32>::new(equations.into_graph());
+    processor.run_seeded("computed", &mut State::default(), 3);
+    processor.entries("computed").to_vec()
 }

@@ -129,6 +129,14 @@ impl JointLayout {
         matrix(entries.map(|entry| *entry as f32).collect(), self.n_observed())
     }
 
+    /// Joint observations row by row, with `n_observed` entries each.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
+    pub fn observation_rows(&self, rows: &[Observation]) -> Vec<f32> {
+        let entries = rows.iter().flat_map(|row| row.seats.iter().flatten());
+        entries.map(|entry| *entry as f32).collect()
+    }
+
     /// Splits rows of joint actions `[rows, n_acted]`, which lie row by row on the host, into one vector per
     /// seat, clamped to -1 and 1.
     ///

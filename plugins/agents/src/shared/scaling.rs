@@ -1,6 +1,6 @@
 //! Scaling of observations for a network: each channel is centred and divided by a typical deviation.
 
-use contract::Channel;
+use contract::{Channel, Observation};
 use numerics::policy_file::Ports;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -65,6 +65,13 @@ impl Scaling {
     #[must_use]
     pub fn n_channels(&self) -> usize {
         self.names.len()
+    }
+
+    /// Scaled observations of the only seat, row by row, with `n_channels` entries each.
+    #[must_use]
+    pub fn rows(&self, observations: &[Observation]) -> Vec<f32> {
+        let seen = observations.iter().map(|observation| &observation.seats[0]);
+        seen.flat_map(|seen| self.apply(seen)).collect()
     }
 
     /// Scaled observation as the input of a network.

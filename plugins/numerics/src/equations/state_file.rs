@@ -88,6 +88,27 @@ pub fn store_network(network: &Network, prefix: &str, state: &State<f32>, file: 
     }
 }
 
+/// Stores a parameter of one row as a vector, under its name.
+///
+/// # Panics
+/// Where the state lacks it.
+pub fn store_vector(name: &str, state: &State<f32>, file: &mut TensorFile) {
+    file.insert_vector(name, state.entries(name).to_vec());
+}
+
+/// Restores a parameter of one row with `n` entries from the tensor of its name.
+///
+/// # Errors
+/// [`TensorFileError`] where the tensor is missing or has another shape.
+pub fn restore_vector(
+    name: &str,
+    n: usize,
+    state: &mut State<f32>,
+    file: &TensorFile,
+) -> Result<(), TensorFileError> {
+    insert(state, name, [1, n], file.get(name)?)
+}
+
 /// Takes over a stored tensor; a vector counts as a matrix of one row.
 fn insert(
     state: &mut State<f32>,

@@ -168,7 +168,9 @@ impl Graph {
             .values
             .iter()
             .zip(&weight.values)
-            .map(|(variance, weight)| 1.0 / (variance + crate::input_norm::EPSILON).sqrt() * weight)
+            .map(|(variance, weight)| {
+                1.0 / (variance + crate::equations::input_norm::EPSILON).sqrt() * weight
+            })
             .collect();
         let mut row = |name: &str, HostTensor { values, .. }: &HostTensor| {
             self.constant(&format!("{prefix}.{name}"), &[values.len()], values)

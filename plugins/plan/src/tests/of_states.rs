@@ -72,6 +72,26 @@ fn clones_continue_to_the_same_bits_in_one_processor() {
 }
 
 #[test]
+fn clones_that_part_mix_no_entries_in_one_processor() {
+    let graph = regression(true);
+    let (mut processor, mut one) = filled(&graph);
+    processor.run("update", &mut one);
+    let mut other = one.clone();
+    other.set_number("rate", 0.02);
+    for round in 0..3 {
+        for state in [&mut one, &mut other] {
+            let (mut fresh, mut own) = (filled(&graph).0, state.clone());
+            for (processor, state) in [(&mut processor, &mut *state), (&mut fresh, &mut own)] {
+                processor.run("update", state);
+                processor.run("act", state);
+            }
+            assert_eq!(digest(&processor, state), digest(&fresh, &own), "round {round}");
+        }
+        assert_ne!(bits(one.entries("w")), bits(other.entries("w")));
+    }
+}
+
+#[test]
 fn a_cloned_processor_goes_its_own_way() {
     let (mut one, mut state) = filled(&regression(true));
     one.run("update", &mut state);

@@ -26,30 +26,33 @@ mod config;
 mod networks;
 mod policy_graph;
 mod prediction;
+mod seat_update;
 #[cfg(test)]
 pub(crate) mod trials;
 
 pub use config::{ActingPrediction, Origin, Settings};
 pub use networks::{Critic, GaussianNetwork};
 pub(crate) use policy_graph::portable;
-pub(crate) use prediction::{decide, policy_loss, predict};
+pub(crate) use prediction::{acted, decide, policy_loss, predict};
+pub use seat_update::SeatUpdate;
+pub(crate) use seat_update::of_seat;
 
+use super::batch::BatchRows;
 use super::checkpoint::{self, finite};
-use super::joint::{JointLayout, columns};
+use super::joint::{JointLayout, ObservationScope};
 use super::replay::Replay;
 use super::schedule::UpdateSchedule;
 use super::seat::mismatch;
-use super::targets::bootstrapped;
-use burn::tensor::Tensor;
 use contract::{
     Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates,
 };
 use numerics::{
-    network::{matrix, values},
+    equations::input_norm::EPSILON,
     policy_file::FILE_NAME,
-    squashed::{Draw, sample},
     tensor_file::{TensorFile, TensorFileError},
 };
+use plan::{Equations, Expression, Plans, Processor, State};
+use rand::RngCore;
 use serde_json::json;
 use std::path::Path;
 
@@ -78,31 +81,26 @@ pub trait Algorithm: Clone + Send + 'static {
     fn settings(&self) -> &Settings;
 
     /// Chooses the actions `[rows, n_i]` of a seat.
-    fn decide(
+    fn decide<'e>(
         &self,
         game: &Game,
         seat: usize,
-        observations: &Tensor<2>,
+        observations: Expression<'e>,
         mode: Mode,
-        rng: &mut Rng,
-    ) -> Tensor<2>;
+    ) -> Expression<'e>;
 
     /// Predicts the mean actions of the others `[rows, n_acted - n_i]` as a seat sees them where the joint
     /// actions are `actions`.
-    fn predict(&self, game: &Game, seat: usize, observations: &Tensor<2>, actions: &Tensor<2>) -> Tensor<2>;
-
-    /// Updates the networks of a seat once.
-    ///
-    /// # Errors
-    /// [`Error::NotFinite`] for a loss that is not finite.
-    fn improve(
+    fn predict<'e>(
         &self,
-        game: &mut Game,
+        game: &Game,
         seat: usize,
-        batch: &SeatBatch,
-        rng: &mut Rng,
-        record: &mut Recorder,
-    ) -> Result<(), Error>;
+        observations: Expression<'e>,
+        actions: Expression<'e>,
+    ) -> Expression<'e>;
+
+    /// Updates the networks of a seat once, and names the metrics of the update.
+    fn improve(&self, update: SeatUpdate<'_, '_>);
 }
 
 /// Networks of one seat.
@@ -118,40 +116,28 @@ pub struct Player {
     pub prior: Option<GaussianNetwork>,
 }
 
-/// A batch of transitions as one seat learns from them.
-#[derive(Debug, Clone)]
-pub struct SeatBatch {
-    /// Observations of all seats, `[batch, n_observed]`.
-    pub observations: Tensor<2>,
-    /// Actions of all seats, `[batch, n_acted]`.
-    pub actions: Tensor<2>,
-    /// Rewards of the seat, `[batch, 1]`.
-    pub rewards: Tensor<2>,
-    /// Next observations of all seats, `[batch, n_observed]`.
-    pub next_observations: Tensor<2>,
-    /// 0 after a terminal step, else 1, `[batch, 1]`.
-    pub continues: Tensor<2>,
-}
-
-/// All seats with their networks and the replay buffer.
+/// All seats with their networks.
 #[derive(Debug, Clone)]
 pub struct Game {
-    /// Settings that all algorithms share.
-    pub settings: Settings,
     /// Columns of each seat in joint vectors.
     pub layout: JointLayout,
+    /// Observations that policies, opponent models and priors see.
+    pub sight: ObservationScope,
     /// Networks, one entry per seat.
     pub players: Vec<Player>,
-    /// Transitions of all seats.
-    pub replay: Replay,
-    schedule: UpdateSchedule,
 }
 
 /// Agent that plays all seats of a game by one algorithm.
 #[derive(Debug, Clone)]
 pub struct Learner<A> {
     pub(crate) algorithm: A,
+    pub(crate) config: Settings,
     pub(crate) game: Game,
+    pub(crate) state: State<f32>,
+    acting: Plans,
+    learning: Plans,
+    pub(crate) replay: Replay,
+    schedule: UpdateSchedule,
 }
 
 /// Metrics that every algorithm records in training, and the prediction error of [`Agent::assess`].
@@ -188,44 +174,44 @@ fn prediction_error() -> Metric {
 }
 
 impl Player {
-    fn new<A: Algorithm>(layout: &JointLayout, seat: usize, settings: &Settings, rng: &mut Rng) -> Self {
+    fn new<A: Algorithm>(
+        layout: &JointLayout,
+        seat: usize,
+        settings: &Settings,
+        state: &mut State<f32>,
+        rng: &mut Rng,
+    ) -> Self {
         let (n_observed, n_acted, sizes) = (layout.n_observed(), layout.n_acted(), layout.action_sizes());
         let (own, n_seen) = (sizes[seat], settings.sight().columns(layout, seat).len());
         let (for_policy, for_opponents) = match A::CONDITIONING {
             Conditioning::PolicyOnPrediction => (n_seen + n_acted - own, n_seen),
             Conditioning::PredictionOnAction => (n_seen, n_seen + own),
         };
-        let policy =
-            GaussianNetwork::new(for_policy, own, settings, rng).keeping_latest(settings.stale_policy_step);
-        let critic = Critic::new(n_observed, n_acted, settings, rng);
-        let opponent = |other| GaussianNetwork::new(for_opponents, sizes[other], settings, rng);
-        let opponents = others(sizes.len(), seat).map(opponent).collect();
-        let prior = A::HAS_PRIOR.then(|| GaussianNetwork::new(n_seen, own, settings, rng));
+        let gaussian = |what: &str, n_inputs, n_actions, state: &mut State<f32>, rng: &mut Rng| {
+            GaussianNetwork::new(&of_seat(seat, what), n_inputs, n_actions, settings, state, rng)
+        };
+        let mut policy = gaussian("policy", for_policy, own, state, rng);
+        if settings.stale_policy_step {
+            policy = policy.keeping_latest(state);
+        }
+        let names = ["critic", "target_critic"].map(|what| of_seat(seat, what));
+        let critic = Critic::new(
+            names.each_ref().map(String::as_str),
+            n_observed,
+            n_acted,
+            settings,
+            state,
+            rng,
+        );
+        let opponents = others(sizes.len(), seat).enumerate();
+        let opponents = opponents
+            .map(|(at, other)| gaussian(&format!("opponent_{at}"), for_opponents, sizes[other], state, rng));
         Self {
             policy,
             critic,
-            opponents,
-            prior,
+            opponents: opponents.collect(),
+            prior: A::HAS_PRIOR.then(|| gaussian("prior", n_seen, own, state, rng)),
         }
-    }
-
-    /// One draw per row and opponent, without gradients in the parameters of the opponent models.
-    pub fn draw_others(&mut self, input: &Tensor<2>, rng: &mut Rng) -> Vec<Draw> {
-        self.opponents
-            .iter_mut()
-            .map(|model| sample(model.plain_head(input.clone()), rng))
-            .collect()
-    }
-
-    /// Names under which the Gaussians of a seat are stored, in their order.
-    fn names(&self, seat: usize) -> Vec<String> {
-        let opponents = (0..self.opponents.len()).map(|at| format!("seat_{seat}.opponent_{at}"));
-        let prior = self.prior.iter().map(|_| format!("seat_{seat}.prior"));
-        [format!("seat_{seat}.policy")]
-            .into_iter()
-            .chain(opponents)
-            .chain(prior)
-            .collect()
     }
 
     /// Policy, opponent models and, where the algorithm has one, the prior.
@@ -235,13 +221,6 @@ impl Player {
             .chain(&self.opponents)
             .chain(&self.prior)
     }
-
-    fn gaussians_mut(&mut self) -> impl Iterator<Item = &mut GaussianNetwork> {
-        [&mut self.policy]
-            .into_iter()
-            .chain(&mut self.opponents)
-            .chain(&mut self.prior)
-    }
 }
 
 /// The other seats of `n_seats`, in order.
@@ -250,146 +229,66 @@ pub(crate) fn others(n_seats: usize, seat: usize) -> impl Iterator<Item = usize>
 }
 
 /// Observations and actions side by side: the input of a network that is conditioned on both.
-pub(crate) fn beside(observations: &Tensor<2>, actions: Vec<Tensor<2>>) -> Tensor<2> {
-    Tensor::cat([vec![observations.clone()], actions].concat(), 1)
+pub(crate) fn beside<'e>(observations: Expression<'e>, actions: &[Expression<'e>]) -> Expression<'e> {
+    observations
+        .equations()
+        .join(&[&[observations], actions].concat())
 }
 
 impl Game {
-    /// Joint action `[batch, n_acted]` from a seat's own action and those of the others, in order.
-    #[must_use]
-    pub fn joint(&self, seat: usize, own: Tensor<2>, mut others: Vec<Tensor<2>>) -> Tensor<2> {
-        others.insert(seat, own);
-        Tensor::cat(others, 1)
-    }
-
     /// Columns of joint observations that policy, opponent models and prior of a seat see.
     #[must_use]
-    pub fn seen(&self, seat: usize, observations: &Tensor<2>) -> Tensor<2> {
-        columns(observations, self.settings.sight().columns(&self.layout, seat))
+    pub fn seen<'e>(&self, seat: usize, observations: Expression<'e>) -> Expression<'e> {
+        let columns = self.sight.columns(&self.layout, seat);
+        if columns == (0..observations.n_columns()) {
+            return observations;
+        }
+        observations.columns(columns)
     }
 
     /// Own columns of a seat in joint actions.
     #[must_use]
-    pub fn own(&self, actions: &Tensor<2>, seat: usize) -> Tensor<2> {
-        columns(actions, self.layout.acted(seat))
+    pub fn own<'e>(&self, actions: Expression<'e>, seat: usize) -> Expression<'e> {
+        actions.columns(self.layout.acted(seat))
     }
 
-    /// Records a loss of shape `[1]` as a training metric.
-    ///
-    /// # Errors
-    /// [`Error::NotFinite`] for a loss that is not finite.
-    pub fn record_loss(&self, metric: &str, loss: &Tensor<1>, record: &mut Recorder) -> Result<(), Error> {
-        record.mean(
-            metric,
-            finite(metric, self.schedule.n_steps(), values(loss.clone())[0])?,
-        );
-        Ok(())
+    /// Columns of the others in joint actions, in their order.
+    pub(crate) fn of_others<'e>(&self, actions: Expression<'e>, seat: usize) -> Vec<Expression<'e>> {
+        let others = others(self.players.len(), seat);
+        others.map(|other| self.own(actions, other)).collect()
     }
 
-    /// Takes one step of a seat's critic towards `r + gamma (1 - d) next_value`, where `next_value` is
-    /// `[batch, 1]` (eq. 4.12, without its half).
-    ///
-    /// # Errors
-    /// [`Error::NotFinite`] for a loss that is not finite.
-    pub fn improve_critic(
-        &mut self,
-        seat: usize,
-        batch: &SeatBatch,
-        next_value: Tensor<2>,
-        record: &mut Recorder,
-    ) -> Result<(), Error> {
-        let SeatBatch {
-            rewards, continues, ..
-        } = batch.clone();
-        let target = bootstrapped(rewards, continues, next_value, self.settings.discount);
-        let value = self.players[seat]
-            .critic
-            .tracked_value(&batch.observations, batch.actions.clone());
-        let loss = (value - target).square().mean();
-        self.record_loss("critic_loss", &loss, record)?;
-        self.players[seat].critic.descend(&loss);
-        if self.settings.stale_policy_step {
-            self.players[seat].policy.step_again();
+    /// Actions of all seats, drawn and most likely ones, and errors of their predictions.
+    fn act<A: Algorithm>(&self, algorithm: &A, equations: &Equations, n_rows: usize) {
+        let observations = equations.input("observations", [n_rows, self.layout.n_observed()]);
+        let actions = equations.input("actions", [n_rows, self.layout.n_acted()]);
+        let seats = || 0..self.players.len();
+        for (routine, output, mode) in [
+            ("draw", "drawn", Mode::Train),
+            ("choose", "chosen", Mode::Evaluate),
+        ] {
+            equations.routine(routine);
+            let decide = |seat| algorithm.decide(self, seat, observations, mode);
+            equations.output(output, equations.join(&seats().map(decide).collect::<Vec<_>>()));
         }
-        Ok(())
-    }
-
-    /// Takes one step of a seat's opponent model `at`; returns its loss.
-    ///
-    /// # Errors
-    /// [`Error::NotFinite`] for a loss that is not finite.
-    pub fn opponent_step(&mut self, seat: usize, at: usize, loss: &Tensor<1>) -> Result<f64, Error> {
-        let value = finite("opponent_loss", self.schedule.n_steps(), values(loss.clone())[0])?;
-        self.players[seat].opponents[at].descend(loss);
-        Ok(value)
-    }
-
-    /// Takes one step of a seat's policy; `log_density` `[batch, 1]` is that of its draws.
-    ///
-    /// # Errors
-    /// [`Error::NotFinite`] for a loss that is not finite.
-    pub fn improve_policy(
-        &mut self,
-        seat: usize,
-        loss: &Tensor<1>,
-        log_density: Tensor<2>,
-        record: &mut Recorder,
-    ) -> Result<(), Error> {
-        self.record_loss("policy_loss", loss, record)?;
-        self.record_loss("policy_entropy", &log_density.mean().neg(), record)?;
-        self.players[seat].policy.descend(loss);
-        Ok(())
-    }
-
-    /// Draws a minibatch for a seat.
-    pub(crate) fn batch(&self, seat: usize, rng: &mut Rng) -> SeatBatch {
-        let batch = self
-            .replay
-            .sample_distinct(self.settings.batch_size.min(self.replay.len()), rng);
-        SeatBatch {
-            rewards: self
-                .replay
-                .rewards_of(&batch, seat, self.settings.reward_normalisation),
-            observations: batch.observations,
-            actions: batch.actions,
-            next_observations: batch.next_observations,
-            continues: batch.continues,
-        }
-    }
-
-    /// All Gaussians of all seats with the names under which they are stored.
-    fn gaussians(&self) -> impl Iterator<Item = (String, &GaussianNetwork)> {
-        let players = self.players.iter().enumerate();
-        players.flat_map(|(seat, player)| player.names(seat).into_iter().zip(player.gaussians()))
-    }
-
-    fn gaussians_mut(&mut self) -> impl Iterator<Item = (String, &mut GaussianNetwork)> {
-        let players = self.players.iter_mut().enumerate();
-        players.flat_map(|(seat, player)| player.names(seat).into_iter().zip(player.gaussians_mut()))
-    }
-
-    /// Policies and opponent models in a file, from which another program or `load` can act.
-    fn exported(&self, agent: &str) -> TensorFile {
-        let mut file = TensorFile::default();
-        let seat = |(seat, player): (usize, &Player)| {
-            let ports = self.layout.ports(
-                self.settings.sight().columns(&self.layout, seat),
-                self.layout.acted(seat),
-            );
-            let sizes = player.policy.network().sizes();
-            json!({ "name": self.layout.seats()[seat], "inputs": ports.inputs, "outputs": ports.outputs,
-                "policy_sizes": sizes })
+        equations.routine("assess");
+        let error = |seat| {
+            let predicted = algorithm.predict(self, seat, observations, actions);
+            let done = equations.join(&self.of_others(actions, seat));
+            (predicted - done).square().mean_columns()
         };
-        let seats: Vec<_> = self.players.iter().enumerate().map(seat).collect();
-        file.header = json!({
-            "format": 1, "agent": agent, "seats": seats,
-            "activation": self.settings.activation, "input_normalisation": self.settings.input_normalisation,
-            "epsilon": numerics::input_norm::EPSILON, "head": "tanh_of_first_half",
-        });
-        for (name, model) in self.gaussians() {
-            model.store_acting(&name, &mut file);
+        equations.output("errors", equations.join(&seats().map(error).collect::<Vec<_>>()));
+    }
+
+    /// One update of every seat, then of the target critics.
+    fn update<A: Algorithm>(&self, algorithm: &A, updates: &[SeatUpdate<'_, '_>]) {
+        for update in updates {
+            algorithm.improve(*update);
         }
-        file
+        for update in updates {
+            let (critic, equations) = (&update.player().critic, update.batch.observations.equations());
+            critic.follow(equations, update.settings.target_smoothing);
+        }
     }
 }
 
@@ -407,75 +306,161 @@ impl<A: Algorithm> Learner<A> {
 
     fn with_settings(
         algorithm: A,
-        settings: Settings,
+        config: Settings,
         interface: &Interface,
         rng: &mut Rng,
     ) -> Result<Self, Error> {
         let layout = JointLayout::new(A::NAME, interface)?;
-        settings.check()?;
+        config.check()?;
         if layout.n_seats() < 2 {
             return Err(mismatch(
                 A::NAME,
                 "it models opponents, and the environment has one seat alone",
             ));
         }
+        let mut state = State::default();
         let players = (0..layout.n_seats())
-            .map(|seat| Player::new::<A>(&layout, seat, &settings, rng))
+            .map(|seat| Player::new::<A>(&layout, seat, &config, &mut state, rng))
             .collect();
-        let replay = Replay::of_seats(settings.replay_capacity, &layout);
         Ok(Self {
             algorithm,
+            replay: Replay::of_seats(config.replay_capacity, &layout),
             game: Game {
-                settings,
                 layout,
+                sight: config.sight(),
                 players,
-                replay,
-                schedule: UpdateSchedule::new(),
             },
+            config,
+            state,
+            acting: Plans::default(),
+            learning: Plans::default(),
+            schedule: UpdateSchedule::new(),
         })
+    }
+
+    /// Draws a minibatch for each seat, with the rewards that its settings ask for.
+    pub(crate) fn batches(&self, rng: &mut Rng) -> Batches {
+        let n_rows = self.config.batch_size.min(self.replay.len());
+        let batch = |_| {
+            let mut batch = self.replay.draw_distinct(n_rows, rng);
+            if self.config.reward_normalisation {
+                self.replay.standardise_rewards(&mut batch);
+            }
+            batch
+        };
+        Batches {
+            n_rows,
+            of_seats: (0..self.game.players.len()).map(batch).collect(),
+        }
     }
 
     /// Updates every seat once, then the target critics.
     pub(crate) fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        for seat in 0..self.game.players.len() {
-            let batch = self.game.batch(seat, rng);
-            self.algorithm
-                .improve(&mut self.game, seat, &batch, rng, record)?;
+        let (game, config, algorithm) = (&self.game, &self.config, &self.algorithm);
+        let batches = self.batches(rng);
+        // The first update has no latest gradient to repeat; its plan serves once.
+        let is_first = config.stale_policy_step && !game.players[0].policy.has_stepped(&self.state);
+        let mut once = Plans::default();
+        let plans = if is_first { &mut once } else { &mut self.learning };
+        let plan = plans.of_rows(batches.n_rows, |equations| {
+            equations.routine("update");
+            game.update(
+                algorithm,
+                &game.updates(config, equations, batches.n_rows, !is_first),
+            );
+        });
+        batches.write(plan);
+        plan.run_seeded("update", &mut self.state, rng.next_u64());
+        for seat in 0..game.players.len() {
+            for metric in losses::<A>() {
+                let loss = plan.number(&of_seat(seat, metric));
+                record.mean(metric, finite(metric, self.schedule.n_steps(), loss)?);
+            }
         }
-        let tau = self.game.settings.target_smoothing;
-        self.game
-            .players
-            .iter_mut()
-            .for_each(|player| player.critic.follow(tau));
-        self.game.schedule.count_update();
+        self.schedule.count_update();
         Ok(())
     }
 
-    fn restore(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
-        for (name, model) in self.game.gaussians_mut() {
-            model.restore(&name, file)?;
-        }
-        for (seat, player) in self.game.players.iter_mut().enumerate() {
-            player.critic.restore(&format!("seat_{seat}.critic"), file)?;
-        }
-        self.game.replay.restore(file)
+    /// Plan of acting for a number of observations.
+    fn acting(&mut self, n_rows: usize) -> (&mut Processor<f32>, &mut State<f32>) {
+        let (game, algorithm) = (&self.game, &self.algorithm);
+        let plan = self
+            .acting
+            .of_rows(n_rows, |equations| game.act(algorithm, equations, n_rows));
+        (plan, &mut self.state)
+    }
+
+    /// Gaussians of all seats.
+    fn gaussians(&self) -> impl Iterator<Item = &GaussianNetwork> {
+        self.game.players.iter().flat_map(Player::gaussians)
+    }
+
+    /// Policies and opponent models in a file, from which another program or `load` can act.
+    fn exported(&self) -> TensorFile {
+        let (layout, config) = (&self.game.layout, &self.config);
+        let mut file = TensorFile::default();
+        let seat = |(seat, player): (usize, &Player)| {
+            let ports = layout.ports(self.game.sight.columns(layout, seat), layout.acted(seat));
+            let sizes = player.policy.network().sizes();
+            json!({ "name": layout.seats()[seat], "inputs": ports.inputs, "outputs": ports.outputs,
+                "policy_sizes": sizes })
+        };
+        let seats: Vec<_> = self.game.players.iter().enumerate().map(seat).collect();
+        file.header = json!({
+            "format": 1, "agent": A::NAME, "seats": seats,
+            "activation": config.activation, "input_normalisation": config.input_normalisation,
+            "epsilon": EPSILON, "head": "tanh_of_first_half",
+        });
+        self.gaussians()
+            .for_each(|model| model.store(&self.state, &mut file));
+        file
     }
 
     fn restore_acting(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
-        self.game
-            .gaussians_mut()
-            .try_for_each(|(name, model)| model.restore_acting(&name, file))
+        let mut models = self.game.players.iter().flat_map(Player::gaussians);
+        models.try_for_each(|model| model.restore(&mut self.state, file))
     }
+}
+
+/// A batch for each seat.
+#[derive(Debug, Clone)]
+pub(crate) struct Batches {
+    pub(crate) n_rows: usize,
+    pub(crate) of_seats: Vec<BatchRows>,
+}
+
+impl Batches {
+    /// Writes the inputs that [`Game::updates`] has added.
+    pub(crate) fn write(&self, plan: &mut Processor<f32>) {
+        for (seat, batch) in self.of_seats.iter().enumerate() {
+            batch.write_named(&of_seat(seat, ""), plan);
+        }
+    }
+}
+
+/// Metrics of the update of a seat.
+fn losses<A: Algorithm>() -> impl Iterator<Item = &'static str> {
+    let prior = A::HAS_PRIOR.then_some("prior_loss").into_iter();
+    prior.chain(["critic_loss", "opponent_loss", "policy_loss", "policy_entropy"])
 }
 
 impl<A: Algorithm> Agent for Learner<A> {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let joint = self.game.layout.observations(observations);
-        let decide = |seat| self.algorithm.decide(&self.game, seat, &joint, mode, rng);
-        let actions = Tensor::cat((0..self.game.players.len()).map(decide).collect(), 1);
-        self.game
-            .layout
-            .actions(&values(actions), self.game.schedule.n_steps())
+        let rows = self.game.layout.observation_rows(observations);
+        let (plan, state) = self.acting(observations.len());
+        plan.write("observations", &rows);
+        let actions = match mode {
+            Mode::Train => {
+                plan.run_seeded("draw", state, rng.next_u64());
+                "drawn"
+            }
+            Mode::Evaluate => {
+                plan.run("choose", state);
+                "chosen"
+            }
+        };
+        let actions = plan.entries(actions).to_vec();
+        self.game.layout.actions(&actions, self.schedule.n_steps())
     }
 
     fn learn(
@@ -486,14 +471,13 @@ impl<A: Algorithm> Agent for Learner<A> {
     ) -> Result<(), Error> {
         transitions
             .iter()
-            .for_each(|transition| self.game.replay.push(transition));
+            .for_each(|transition| self.replay.push(transition));
         let Settings {
             learning_starts,
             updates_per_step,
             ..
-        } = self.game.settings;
+        } = self.config;
         for _ in 0..self
-            .game
             .schedule
             .advance(transitions.len(), learning_starts, updates_per_step)
         {
@@ -508,58 +492,26 @@ impl<A: Algorithm> Agent for Learner<A> {
 
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     fn assess(&mut self, observations: &[Observation], actions: &[Action]) -> Result<Vec<Vec<f64>>, Error> {
-        let (joint, layout) = (self.game.layout.observations(observations), &self.game.layout);
-        let entries = actions
-            .iter()
-            .flatten()
-            .flatten()
-            .map(|entry| *entry as f32)
-            .collect();
-        let done = matrix(entries, layout.n_acted());
-        let error = |seat| {
-            let predicted = self.algorithm.predict(&self.game, seat, &joint, &done);
-            let parts = others(layout.n_seats(), seat)
-                .map(|other| self.game.own(&done, other))
-                .collect();
-            (predicted - Tensor::cat(parts, 1)).square().mean_dim(1)
-        };
-        let errors = values(Tensor::cat((0..layout.n_seats()).map(error).collect(), 1));
+        let (rows, n_seats) = (
+            self.game.layout.observation_rows(observations),
+            self.game.layout.n_seats(),
+        );
+        let done = actions.iter().flatten().flatten().map(|entry| *entry as f32);
+        let done: Vec<f32> = done.collect();
+        let (plan, state) = self.acting(observations.len());
+        plan.write("observations", &rows);
+        plan.write("actions", &done);
+        plan.run("assess", state);
+        let errors = plan.entries("errors").chunks(n_seats);
         Ok(errors
-            .chunks(layout.n_seats())
             .map(|row| row.iter().map(|error| f64::from(*error)).collect())
             .collect())
     }
 
-    fn updates(&self) -> Option<Updates> {
-        Some(self.game.schedule.updates(
-            self.game.settings.learning_starts,
-            self.game.settings.updates_per_step,
-        ))
-    }
-
-    fn save(&self, dir: &Path) -> Result<(), Error> {
-        let mut file = TensorFile::default();
-        for (name, model) in self.game.gaussians() {
-            model.store(&name, &mut file);
-        }
-        for (seat, player) in self.game.players.iter().enumerate() {
-            player.critic.store(&format!("seat_{seat}.critic"), &mut file);
-        }
-        self.game.replay.store(&mut file);
-        checkpoint::write(A::NAME, dir, file, &self.game.schedule)
-    }
-
-    fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let misfit = checkpoint::error_of(A::NAME);
-        let (file, schedule): (_, UpdateSchedule) = checkpoint::read(A::NAME, dir)?;
-        self.restore(&file).map_err(&misfit)?;
-        self.game.schedule = schedule;
-        Ok(())
-    }
+    checkpoint::keeps_state!(A::NAME);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        self.game
-            .exported(A::NAME)
+        self.exported()
             .write(&dir.join(FILE_NAME))
             .map_err(checkpoint::error_of(A::NAME))?;
         Ok(true)

@@ -7,243 +7,203 @@
 //! every batch it sees in an update enters.
 
 use super::Settings;
-use burn::module::Module;
-use burn::tensor::Tensor;
-use numerics::input_norm::{InputNorm, NormalisedMlp, RunningMoments};
-use numerics::network::{Mlp, device};
-use numerics::optimizer::{Adam, TrainedNetwork};
-use numerics::parameters::{restore, soft_update, store};
+use numerics::equations::input_norm::{NormalisedNetwork, RunningMoments};
 use numerics::tensor_file::{TensorFile, TensorFileError};
+use plan::{Descent, Equations, Expression, State};
 use rand::RngCore;
 
-/// A network whose output is the head of a squashed Gaussian ([`numerics::squashed`]).
+/// A network whose output is the head of a squashed Gaussian ([`numerics::equations::squashed`]).
 #[derive(Debug, Clone)]
 pub struct GaussianNetwork {
-    trained: TrainedNetwork<NormalisedMlp>,
+    network: NormalisedNetwork,
     moments: RunningMoments,
-    /// Gradient of the latest step; empty before the first step and where it is not kept.
-    latest: Vec<Vec<f32>>,
+    /// Whether the gradient of the latest step is kept, as `latest.NAME` for each parameter.
     keeps_latest: bool,
 }
 
 /// Value of joint observations and joint actions for one seat, with its target network.
 #[derive(Debug, Clone)]
 pub struct Critic {
-    trained: TrainedNetwork<NormalisedMlp>,
-    target: NormalisedMlp,
+    network: NormalisedNetwork,
+    target: NormalisedNetwork,
 }
 
-fn norm(n_inputs: usize, settings: &Settings) -> Option<InputNorm> {
-    settings
-        .input_normalisation
-        .then(|| InputNorm::new(n_inputs, &device().autodiff()))
-}
+impl Settings {
+    fn described(&self, name: &str, n_inputs: usize, n_outputs: usize) -> NormalisedNetwork {
+        let sizes = [n_inputs, self.width, self.width, n_outputs];
+        NormalisedNetwork::new(name, &sizes, &[self.activation; 2], self.input_normalisation)
+    }
 
-fn adam(settings: &Settings) -> Adam {
-    Adam::new(settings.learning_rate, settings.gradient_clip)
+    fn descend(&self, loss: Expression<'_>, parameters: &[Expression<'_>]) {
+        loss.equations().descend(loss, parameters, &self.adam());
+    }
+
+    fn adam(&self) -> Descent<'_> {
+        Descent::adam("learning_rate", self.learning_rate, self.gradient_clip)
+    }
 }
 
 impl GaussianNetwork {
-    /// Builds a network from `n_inputs` to the head of an action with `n_actions` entries.
-    pub fn new(n_inputs: usize, n_actions: usize, settings: &Settings, rng: &mut impl RngCore) -> Self {
-        let (width, activation) = (settings.width, settings.activation);
-        let sizes = [n_inputs, width, width, 2 * n_actions];
-        let mlp = Mlp::new(
-            &sizes,
-            &[activation; 2],
-            std::f64::consts::SQRT_2,
-            rng,
-            &device().autodiff(),
-        );
+    /// Adds a network from `n_inputs` to the head of an action with `n_actions` entries to a state.
+    pub fn new(
+        name: &str,
+        n_inputs: usize,
+        n_actions: usize,
+        settings: &Settings,
+        state: &mut State<f32>,
+        rng: &mut impl RngCore,
+    ) -> Self {
+        let network = settings.described(name, n_inputs, 2 * n_actions);
+        network.initialise(std::f64::consts::SQRT_2, state, rng);
         Self {
-            trained: TrainedNetwork::new(NormalisedMlp::new(norm(n_inputs, settings), mlp), adam(settings)),
-            moments: RunningMoments::new(n_inputs),
-            latest: Vec::new(),
+            moments: RunningMoments::new(&network, state),
+            network,
             keeps_latest: false,
         }
     }
 
-    /// Makes the network keep the gradient of its latest step for [`GaussianNetwork::step_again`], or not.
+    /// Makes the network keep the gradient of its latest step for [`GaussianNetwork::step_again`].
     #[must_use]
-    pub fn keeping_latest(self, keeps_latest: bool) -> Self {
-        Self { keeps_latest, ..self }
+    pub fn keeping_latest(self, state: &mut State<f32>) -> Self {
+        for name in self.network.parameter_names() {
+            let entries = state.entries(&name).len();
+            // The network has just added its parameters.
+            let shape = state.tensor(&name).map_or([1, entries], |(shape, _)| shape);
+            state.insert(latest(&name), shape, vec![0.0; entries]);
+        }
+        Self {
+            keeps_latest: true,
+            ..self
+        }
     }
 
-    /// Heads of a batch `[batch, inputs]`; a loss has gradients in this network's parameters.
-    pub fn tracked_head(&mut self, input: Tensor<2>) -> Tensor<2> {
-        self.absorb(&input);
-        self.trained.network().by_batch(input)
-    }
-
-    /// Heads of a batch `[batch, inputs]`; a loss has gradients in the input alone.
-    pub fn plain_head(&mut self, input: Tensor<2>) -> Tensor<2> {
-        self.absorb(&input);
-        self.trained.network().valid().by_batch(input)
+    /// Heads of a batch `[batch, inputs]` in an update.
+    #[must_use]
+    pub fn head<'e>(&self, input: Expression<'e>) -> Expression<'e> {
+        self.network.by_batch_absorbed(input, &self.moments)
     }
 
     /// Heads of single rows `[rows, inputs]` where the network acts; a row does not depend on the other rows.
     #[must_use]
-    pub fn acting_head(&self, input: Tensor<2>) -> Tensor<2> {
-        self.trained.network().valid().by_moments(input, &self.moments)
+    pub fn acting_head<'e>(&self, input: Expression<'e>) -> Expression<'e> {
+        self.network.by_moments(input, &self.moments)
     }
 
-    /// Takes one step against the gradient of a loss of shape `[1]`.
-    pub fn descend(&mut self, loss: &Tensor<1>) {
-        let gradient = self.trained.descend_along(loss);
+    /// Takes one step against the gradient of a loss `[1, 1]`.
+    pub fn descend(&self, loss: Expression<'_>, settings: &Settings) {
+        let equations = loss.equations();
+        let parameters = self.network.parameters(equations);
+        if !self.keeps_latest {
+            return settings.descend(loss, &parameters);
+        }
+        let gradients = equations.gradients(loss, &parameters);
+        for (kept, gradient) in self.latest(equations).into_iter().zip(&gradients) {
+            equations.assign(kept, *gradient);
+        }
+        equations.step_against(&gradients, &parameters, &settings.adam());
+    }
+
+    /// Takes one more step along the gradient of the latest one, where it is kept.
+    pub fn step_again(&self, equations: &Equations, settings: &Settings) {
         if self.keeps_latest {
-            self.latest = gradient;
+            let parameters = self.network.parameters(equations);
+            equations.step_against(&self.latest(equations), &parameters, &settings.adam());
         }
     }
 
-    /// Takes one more step along the gradient of the latest one; does nothing before the first.
-    pub fn step_again(&mut self) {
-        if !self.latest.is_empty() {
-            self.trained.step_against(&self.latest);
-        }
+    fn latest<'e>(&self, equations: &'e Equations) -> Vec<Expression<'e>> {
+        let of = |(name, parameter): (String, Expression<'e>)| {
+            equations.parameter(&latest(&name), parameter.shape())
+        };
+        let names = self.network.parameter_names().into_iter();
+        names.zip(self.network.parameters(equations)).map(of).collect()
     }
 
-    /// Network without its optimiser.
+    /// Whether the network has made a step.
     #[must_use]
-    pub fn network(&self) -> &NormalisedMlp {
-        self.trained.network()
+    pub fn has_stepped(&self, state: &State<f32>) -> bool {
+        self.network
+            .parameter_names()
+            .iter()
+            .any(|name| state.steps(name) > 0)
     }
 
-    /// Stores network, optimiser, moments and the latest gradient under `prefix` in a file.
-    pub fn store(&self, prefix: &str, file: &mut TensorFile) {
-        self.trained.store(prefix, file);
-        self.moments.store(prefix, file);
-        file.header[format!("{prefix}.latest")] = self.latest.len().into();
-        for (at, gradient) in self.latest.iter().enumerate() {
-            file.insert_vector(format!("{prefix}.latest.{at}"), gradient.clone());
-        }
+    /// Network without its running moments.
+    #[must_use]
+    pub fn network(&self) -> &NormalisedNetwork {
+        &self.network
     }
 
-    /// Restores the state that [`GaussianNetwork::store`] wrote under `prefix`.
+    /// Stores the parts needed to act in a policy file: the network and its moments.
+    pub fn store(&self, state: &State<f32>, file: &mut TensorFile) {
+        self.network.store(state, file);
+        self.moments.store(state, file);
+    }
+
+    /// Restores the parts needed to act that [`GaussianNetwork::store`] wrote.
     ///
     /// # Errors
     /// [`TensorFileError`] where the file does not fit.
-    pub fn restore(&mut self, prefix: &str, file: &TensorFile) -> Result<(), TensorFileError> {
-        self.trained.restore(prefix, file)?;
-        self.moments.restore(prefix, file)?;
-        let count = file.header[format!("{prefix}.latest")].as_u64();
-        let count = count.ok_or_else(|| TensorFileError::Missing {
-            name: format!("{prefix}.latest"),
-        })?;
-        let gradient = |at| Ok(file.get(&format!("{prefix}.latest.{at}"))?.values.clone());
-        self.latest = (0..count).map(gradient).collect::<Result<_, TensorFileError>>()?;
-        Ok(())
-    }
-
-    /// Stores the parts needed to act under `prefix` in a file: the network and its moments.
-    pub fn store_acting(&self, prefix: &str, file: &mut TensorFile) {
-        store(&self.trained.network().valid(), prefix, file);
-        self.moments.store(prefix, file);
-    }
-
-    /// Restores the parts needed to act that [`GaussianNetwork::store_acting`] wrote under `prefix`.
-    ///
-    /// # Errors
-    /// [`TensorFileError`] where the file does not fit.
-    pub fn restore_acting(&mut self, prefix: &str, file: &TensorFile) -> Result<(), TensorFileError> {
-        self.trained.restore_network(prefix, file)?;
-        self.moments.restore(prefix, file)
-    }
-
-    /// Replaces the parameters, for tests.
-    #[cfg(test)]
-    pub(crate) fn set_network(&mut self, network: NormalisedMlp) {
-        self.trained = TrainedNetwork::new(network, Adam::new(0.0, None));
-    }
-
-    fn absorb(&mut self, input: &Tensor<2>) {
-        if self.trained.network().normalises() {
-            self.moments.absorb(input);
-        }
+    pub fn restore(&self, state: &mut State<f32>, file: &TensorFile) -> Result<(), TensorFileError> {
+        self.network.restore(state, file)?;
+        self.moments.restore(state, file)
     }
 }
 
+/// Name of the latest gradient of a parameter.
+fn latest(parameter: &str) -> String {
+    format!("latest.{parameter}")
+}
+
 impl Critic {
-    /// Builds a critic of `n_observed` joint observations and `n_acted` entries of joint actions.
-    pub fn new(n_observed: usize, n_acted: usize, settings: &Settings, rng: &mut impl RngCore) -> Self {
-        let (inputs, width) = (n_observed + n_acted, settings.width);
-        let mlp = Mlp::uniform(
-            &[inputs, width, width, 1],
-            &[settings.activation; 2],
-            rng,
-            &device().autodiff(),
-        );
-        let network = NormalisedMlp::new(norm(inputs, settings), mlp);
+    /// Adds a critic of `n_observed` joint observations and `n_acted` entries of joint actions, and its target, to a
+    /// state.
+    pub fn new(
+        [name, target]: [&str; 2],
+        n_observed: usize,
+        n_acted: usize,
+        settings: &Settings,
+        state: &mut State<f32>,
+        rng: &mut impl RngCore,
+    ) -> Self {
+        let network = settings.described(name, n_observed + n_acted, 1);
+        network.initialise_uniform(state, rng);
         Self {
-            target: network.valid(),
-            trained: TrainedNetwork::new(network, adam(settings)),
+            target: network.copied(target, state),
+            network,
         }
     }
 
-    /// Values `[batch, 1]`; a loss has gradients in the critic's parameters.
+    /// Values `[batch, 1]`.
     #[must_use]
-    pub fn tracked_value(&self, observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
-        self.trained.network().by_batch(input(observations, actions))
-    }
-
-    /// Values `[batch, 1]`; a loss has gradients in the actions alone.
-    #[must_use]
-    pub fn value(&self, observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
-        self.trained
-            .network()
-            .valid()
-            .by_batch(input(observations, actions))
+    pub fn value<'e>(&self, observations: Expression<'e>, actions: Expression<'e>) -> Expression<'e> {
+        self.network.by_batch(input(observations, actions))
     }
 
     /// Values `[batch, 1]` of the target network.
     #[must_use]
-    pub fn target_value(&self, observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
+    pub fn target_value<'e>(&self, observations: Expression<'e>, actions: Expression<'e>) -> Expression<'e> {
         self.target.by_batch(input(observations, actions))
     }
 
-    /// Takes one step against the gradient of a loss of shape `[1]`.
-    pub fn descend(&mut self, loss: &Tensor<1>) {
-        self.trained.descend(loss);
+    /// Takes one step against the gradient of a loss `[1, 1]`.
+    pub fn descend(&self, loss: Expression<'_>, settings: &Settings) {
+        settings.descend(loss, &self.network.parameters(loss.equations()));
     }
 
     /// Moves the target network towards the critic.
-    pub fn follow(&mut self, target_smoothing: f64) {
-        self.target = soft_update(
-            std::mem::take(&mut self.target),
-            self.trained.network(),
-            target_smoothing,
-        );
+    pub fn follow(&self, equations: &Equations, target_smoothing: f64) {
+        let [target, source] = [&self.target, &self.network].map(|it| it.parameters(equations));
+        equations.follow(&target, &source, target_smoothing);
     }
 
-    /// Network without its optimiser and target.
+    /// Network without its target.
     #[must_use]
-    pub fn network(&self) -> &NormalisedMlp {
-        self.trained.network()
-    }
-
-    /// Stores critic, optimiser and target network under `prefix` in a file.
-    pub fn store(&self, prefix: &str, file: &mut TensorFile) {
-        self.trained.store(prefix, file);
-        store(&self.target, &format!("{prefix}.target"), file);
-    }
-
-    /// Restores the state that [`Critic::store`] wrote under `prefix`.
-    ///
-    /// # Errors
-    /// [`TensorFileError`] where the file does not fit.
-    pub fn restore(&mut self, prefix: &str, file: &TensorFile) -> Result<(), TensorFileError> {
-        self.trained.restore(prefix, file)?;
-        self.target = restore(self.target.clone(), &format!("{prefix}.target"), file)?;
-        Ok(())
-    }
-
-    /// Replaces the parameters, for tests.
-    #[cfg(test)]
-    pub(crate) fn set_network(&mut self, network: NormalisedMlp, settings: &Settings) {
-        self.target = network.valid();
-        self.trained = TrainedNetwork::new(network, adam(settings));
+    pub fn network(&self) -> &NormalisedNetwork {
+        &self.network
     }
 }
 
-fn input(observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
-    Tensor::cat(vec![actions, observations.clone()], 1)
+fn input<'e>(observations: Expression<'e>, actions: Expression<'e>) -> Expression<'e> {
+    observations.equations().join(&[actions, observations])
 }

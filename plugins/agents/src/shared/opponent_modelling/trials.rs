@@ -1,15 +1,15 @@
 //! Helpers for the tests of the algorithms with opponent models.
 
-use super::{Algorithm, GaussianNetwork, Learner, PREDICTION_ERROR, SeatBatch, Settings};
-use crate::shared::{coordination, joint::ObservationScope};
-use burn::tensor::Tensor;
-use contract::{Agent, Metric, Mode, Observation, Rng, random::stream};
-use numerics::{
-    input_norm::NormalisedMlp,
-    network::{Activation, values},
-    optimizer::gradients,
-    parameters::{parameters, with_parameters},
+use super::{Algorithm, GaussianNetwork, Learner, PREDICTION_ERROR, Player, SeatUpdate, Settings};
+use crate::shared::{
+    batch::{BatchInputs, BatchRows},
+    coordination,
+    gradient_checks::{assert_gradient_in, outputs},
+    joint::ObservationScope,
 };
+use contract::{Agent, Metric, Mode, Observation, random::stream};
+use numerics::network::Activation;
+use plan::{Equations, Expression, Processor};
 
 /// Settings for small networks that learn fast.
 pub(crate) fn tiny() -> Settings {
@@ -41,7 +41,7 @@ pub(crate) fn learner<A: Algorithm>(algorithm: A) -> Learner<A> {
 }
 
 /// `n` transitions of the untrained agent, as its first seat learns from them.
-pub(crate) fn batch<A: Algorithm>(learner: &mut Learner<A>, n: usize) -> SeatBatch {
+pub(crate) fn batch<A: Algorithm>(learner: &mut Learner<A>, n: usize) -> BatchRows {
     let mut rng = stream(&["batch"]);
     let mut transitions = coordination::decide(learner, 2 * n, &mut rng);
     transitions
@@ -49,14 +49,59 @@ pub(crate) fn batch<A: Algorithm>(learner: &mut Learner<A>, n: usize) -> SeatBat
         .for_each(|transition| transition.next_observation.seats[1][0] += 0.5);
     transitions
         .iter()
-        .for_each(|transition| learner.game.replay.push(transition));
-    learner.game.settings.batch_size = n;
-    learner.game.batch(0, &mut rng)
+        .for_each(|transition| learner.replay.push(transition));
+    learner.config.batch_size = n;
+    learner.batches(&mut rng).of_seats.remove(0)
 }
 
-/// Gradient of a loss in all parameters of a network, concatenated.
-pub(crate) fn gradient(network: &GaussianNetwork, loss: &Tensor<1>) -> Vec<f32> {
-    gradients(network.network(), &mut loss.backward()).concat()
+/// Begins the routine `loss`, in which a seat learns from a batch of `n_rows`.
+pub(crate) fn begin<'g, 'e, A>(
+    learner: &'g Learner<A>,
+    seat: usize,
+    n_rows: usize,
+    equations: &'e Equations,
+) -> SeatUpdate<'g, 'e> {
+    equations.routine("loss");
+    SeatUpdate {
+        game: &learner.game,
+        settings: &learner.config,
+        seat,
+        batch: BatchInputs::new(equations, n_rows, learner.replay.widths()),
+        repeats: false,
+    }
+}
+
+/// An expression of a seat's update, row by row. Its draws are those of any other that draws as often before.
+pub(crate) fn computed<A>(
+    learner: &Learner<A>,
+    seat: usize,
+    batch: &BatchRows,
+    write: impl for<'e> FnOnce(SeatUpdate<'_, 'e>) -> Expression<'e>,
+) -> Vec<f32> {
+    let [found] = outputs(["found"], &learner.state, batch, |equations| {
+        let found = write(begin(learner, seat, batch.n_rows, equations));
+        equations.output("found", found);
+    });
+    found
+}
+
+/// Gradient of a loss of the first seat in all parameters of a network, concatenated.
+pub(crate) fn gradient<A>(
+    learner: &Learner<A>,
+    network: &GaussianNetwork,
+    batch: &BatchRows,
+    write: impl for<'e> FnOnce(SeatUpdate<'_, 'e>) -> Expression<'e>,
+) -> Vec<f32> {
+    computed(learner, 0, batch, |update| {
+        let loss = write(update);
+        let equations = loss.equations();
+        let gradients = equations.gradients(loss, &network.network().parameters(equations));
+        let rows = gradients.iter().map(|gradient| {
+            let [rows, columns] = gradient.shape();
+            gradient.reshape([1, rows * columns])
+        });
+        equations.join(&rows.collect::<Vec<_>>())
+    })
 }
 
 /// Euclidean norm.
@@ -74,67 +119,51 @@ pub(crate) fn distance(a: &[f32], b: &[f32]) -> f32 {
         .sqrt()
 }
 
-/// Asserts that the gradient of a loss in every parameter of a network agrees with finite differences, at
-/// fixed noise.
+/// Asserts that the gradient of a loss of the first seat in every parameter of a network agrees with finite
+/// differences, at fixed noise.
 pub(crate) fn assert_gradient<A: Algorithm>(
     algorithm: A,
-    network: impl Fn(&mut Learner<A>) -> &mut GaussianNetwork,
-    loss: impl Fn(&mut Learner<A>, &SeatBatch, &mut Rng) -> Tensor<1>,
+    network: impl Fn(&Player) -> &GaussianNetwork,
+    loss: impl for<'e> Fn(SeatUpdate<'_, 'e>) -> Expression<'e>,
 ) {
     // A rectifier that switches within a step would blur the differences.
     let settings = Settings {
         activation: Activation::Tanh,
         ..*algorithm.settings()
     };
-    let mut learner = Learner::with_settings(
-        algorithm,
-        settings,
-        &coordination::game(),
-        &mut stream(&["learner"]),
-    )
-    .unwrap();
+    let rng = &mut stream(&["learner"]);
+    let mut learner = Learner::with_settings(algorithm, settings, &coordination::game(), rng).unwrap();
     let batch = batch(&mut learner, 12);
-    let noise = || stream(&["noise"]);
-    let at_start = loss(&mut learner, &batch, &mut noise());
-    let analytic = gradient(network(&mut learner), &at_start);
-    let start = network(&mut learner).network().clone();
-    let numbers = parameters(&start);
-    let places: Vec<_> = numbers
-        .iter()
-        .enumerate()
-        .flat_map(|(p, x)| (0..x.values.len()).map(move |i| (p, i)))
-        .collect();
-    assert!(norm(&analytic) > 1e-2 && places.len() == analytic.len());
-    for (&(p, i), gradient) in places.iter().zip(&analytic) {
-        let mut at = |step: f32| {
-            let mut moved = numbers.clone();
-            moved[p].values[i] += step;
-            network(&mut learner).set_network(with_parameters(start.clone(), &moved).unwrap());
-            values(loss(&mut learner, &batch, &mut noise()))[0]
-        };
-        let difference = (at(2e-3) - at(-2e-3)) / 4e-3;
-        let name = &numbers[p].name;
-        assert!(
-            (difference - gradient).abs() < 3e-3 + 0.01 * gradient.abs(),
-            "{name} {i}: {difference} {gradient}"
-        );
-    }
+    let network = network(&learner.game.players[0]);
+    assert!(norm(&gradient(&learner, network, &batch, &loss)) > 1e-2);
+    let names = network.network().parameter_names();
+    assert_gradient_in(&names, &learner.state, &batch, |equations| {
+        equations.output("loss", loss(begin(&learner, 0, 12, equations)));
+    });
 }
 
-/// Asserts that a loss has a gradient in the named network and in no other, critics included.
-pub(crate) fn assert_reaches_only<A: Algorithm>(learner: &Learner<A>, loss: &Tensor<1>, name: &str) {
-    let mut found = loss.backward();
-    let mut reached =
-        |network: &NormalisedMlp| gradients(network, &mut found).concat().iter().any(|x| *x != 0.0);
-    let game = &learner.game;
-    for (known, model) in game.gaussians() {
-        assert_eq!(reached(model.network()), known == name, "{known}");
+/// Asserts that a step of a seat changes the parameters of the named network and of no other, critics included.
+pub(crate) fn assert_moves_only<A: Algorithm>(
+    learner: &Learner<A>,
+    seat: usize,
+    batch: &BatchRows,
+    network: &str,
+    step: impl FnOnce(SeatUpdate<'_, '_>),
+) {
+    let equations = Equations::new();
+    step(begin(learner, seat, batch.n_rows, &equations));
+    let mut processor = Processor::<f32>::new(equations.into_graph());
+    batch.write(&mut processor);
+    let mut after = learner.state.clone();
+    processor.run_seeded("loss", &mut after, 3);
+    for (name, _, entries) in learner.state.tensors() {
+        let is_own = name.starts_with(&format!("{network}."));
+        assert_eq!(
+            after.entries(name) != entries,
+            is_own && !name.contains(".running_"),
+            "{name}"
+        );
     }
-    assert!(
-        game.players
-            .iter()
-            .all(|player| !reached(player.critic.network()))
-    );
 }
 
 /// Asserts that the agent earns most of the possible reward in the coordination game.

@@ -1,34 +1,35 @@
 //! A network that maps observations to a distribution on the simplex, with any [head](SimplexHead).
 //!
-//! | tensor | shape |
-//! |---|---|
-//! | outputs, parameters | `[batch, OUTPUTS_PER_SHARE * n_shares]` |
-//! | targets, draws, centres | `[batch, n_shares]` |
-//! | loss | `[1]` |
+//! | symbol | here | shape |
+//! |---|---|---|
+//! | outputs of the network | `head` | `[batch, OUTPUTS_PER_SHARE * n_shares]` |
+//! | targets, draws, centres | `targets`, results of a head's functions | `[batch, n_shares]` |
+//! | loss | result of a head's `loss` | `[1, 1]` |
 
-use super::{Progress, RegressionLoss, examples};
+use super::{Progress, RegressionLoss};
 use crate::shared::{
     allocation,
     checkpoint::{self, finite},
     scaling::{ObservationScaling, Scaling},
     seat,
 };
-use burn::{module::Module, tensor::Tensor};
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use numerics::{
-    network::{Activation, Mlp, device, matrix, values},
-    optimizer::{Adam, TrainedNetwork},
-    policy_file::{Head, Policy},
+    equations::{network::Network, state_file},
+    network::Activation,
+    policy_file::{Head, Policy, Ports},
     tensor_file::TensorFile,
 };
+use plan::{Descent, Equations, Expression, Plans, State};
+use rand::RngCore;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{fmt::Debug, marker::PhantomData, path::Path};
 
-/// Distribution on the simplex that is parameterised by the outputs of a network.
+/// Distribution on the simplex that is parameterised by the outputs of a network, its `head`.
 pub trait SimplexHead: Debug + Send + 'static {
     /// Name under which the agent is registered.
     const NAME: &'static str;
@@ -39,20 +40,14 @@ pub trait SimplexHead: Debug + Send + 'static {
     /// Head by which an exported policy computes its shares.
     const EXPORTED: Head;
 
-    /// Parameters of the distribution from the network's outputs, after `n_examples` examples.
-    ///
-    /// # Errors
-    /// [`Error::NotFinite`] where a parameter is not finite.
-    fn parameters(outputs: Tensor<2>, n_examples: u64) -> Result<Tensor<2>, Error>;
-
-    /// One draw per row, with shares that sum to 1; gradients flow into the parameters.
-    fn sample(parameters: Tensor<2>, rng: &mut Rng) -> Tensor<2>;
+    /// One draw per row, with shares that sum to 1.
+    fn sample(head: Expression<'_>) -> Expression<'_>;
 
     /// Representative point of the distribution in each row, up to a positive factor.
-    fn centre(parameters: Tensor<2>) -> Tensor<2>;
+    fn centre(head: Expression<'_>) -> Expression<'_>;
 
-    /// Loss `[1]` of parameters and targets with one row per example.
-    fn loss(loss: RegressionLoss, parameters: Tensor<2>, targets: Tensor<2>, rng: &mut Rng) -> Tensor<1>;
+    /// Loss `[1, 1]` of outputs and targets with one row per example.
+    fn loss<'e>(loss: RegressionLoss, head: Expression<'e>, targets: Expression<'e>) -> Expression<'e>;
 }
 
 /// Hyper-parameters.
@@ -88,11 +83,21 @@ impl contract::Config for Config {}
 /// Agent that predicts shares with the head `H`.
 #[derive(Debug)]
 pub struct SimplexRegression<H> {
-    loss: RegressionLoss,
     scaling: Scaling,
     shares: Vec<String>,
-    network: TrainedNetwork<Mlp>,
+    learner: Learner<H>,
+    state: State<f32>,
+    acting: Plans,
+    learning: Plans,
     progress: Progress,
+}
+
+/// The network, and the equations by which it acts and learns.
+#[derive(Debug)]
+struct Learner<H> {
+    network: Network,
+    loss: RegressionLoss,
+    learning_rate: f64,
     head: PhantomData<H>,
 }
 
@@ -132,38 +137,73 @@ impl<H: SimplexHead> SimplexRegression<H> {
             config.width,
             H::OUTPUTS_PER_SHARE * shares.len(),
         ];
-        let network = Mlp::new(&sizes, &H::LAYERS, 1.0, rng, &device().autodiff());
-        let network = TrainedNetwork::new(network, Adam::new(config.learning_rate, None));
-        Ok(Self {
+        let learner = Learner {
+            network: Network::new("network", &sizes, &H::LAYERS),
             loss: config.loss,
+            learning_rate: config.learning_rate,
+            head: PhantomData,
+        };
+        let mut state = State::default();
+        learner.network.initialise(1.0, &mut state, rng);
+        Ok(Self {
             scaling,
             shares,
-            network,
+            learner,
+            state,
+            acting: Plans::default(),
+            learning: Plans::default(),
             progress: Progress::default(),
-            head: PhantomData,
         })
     }
 
-    fn parameters(&self, network: &Mlp, observations: Tensor<2>) -> Result<Tensor<2>, Error> {
-        H::parameters(network.forward(observations), self.progress.n_examples)
+    fn ports(&self) -> Ports {
+        self.scaling.ports(&self.shares)
+    }
+}
+
+impl<H: SimplexHead> Learner<H> {
+    /// Weights of the shares, drawn and central ones.
+    fn act(&self, observations: Expression<'_>) {
+        let equations = observations.equations();
+        equations.routine("draw");
+        equations.output("drawn", H::sample(self.network.apply(observations)));
+        equations.routine("choose");
+        equations.output("chosen", H::centre(self.network.apply(observations)));
+    }
+
+    /// One step against the loss of examples.
+    fn update(&self, observations: Expression<'_>, targets: Expression<'_>) {
+        let equations: &Equations = observations.equations();
+        equations.routine("update");
+        let loss = H::loss(self.loss, self.network.apply(observations), targets);
+        equations.output("loss", loss);
+        let descent = Descent::adam("learning_rate", self.learning_rate, None);
+        equations.descend(loss, &self.network.parameters(equations), &descent);
     }
 }
 
 impl<H: SimplexHead> Agent for SimplexRegression<H> {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let scaled = observations
-            .iter()
-            .flat_map(|observation| self.scaling.apply(&observation.seats[0]))
-            .collect();
-        let scaled = matrix(scaled, self.scaling.n_channels());
-        let parameters = self.parameters(&self.network.network().valid(), scaled)?;
+        let (learner, shape) = (&self.learner, [observations.len(), self.scaling.n_channels()]);
+        let plan = self.acting.of_rows(observations.len(), |equations| {
+            learner.act(equations.input("observations", shape));
+        });
+        plan.write("observations", &self.scaling.rows(observations));
         let weights = match mode {
-            Mode::Train => H::sample(parameters, rng),
-            Mode::Evaluate => H::centre(parameters),
+            Mode::Train => {
+                plan.run_seeded("draw", &mut self.state, rng.next_u64());
+                "drawn"
+            }
+            Mode::Evaluate => {
+                plan.run("choose", &mut self.state);
+                "chosen"
+            }
         };
-        allocation::actions(&values(weights), self.shares.len(), self.progress.n_examples)
+        let weights = plan.entries(weights);
+        allocation::actions(weights, self.shares.len(), self.progress.n_examples)
     }
 
+    #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     fn learn(
         &mut self,
         transitions: &[Transition],
@@ -171,14 +211,20 @@ impl<H: SimplexHead> Agent for SimplexRegression<H> {
         record: &mut Recorder,
     ) -> Result<(), Error> {
         self.progress.n_examples += transitions.len() as u64;
-        let (observations, targets) = examples(transitions, &self.scaling);
-        let parameters = self.parameters(self.network.network(), observations)?;
-        let loss = H::loss(self.loss, parameters, targets, rng);
-        record.mean(
-            "loss",
-            finite("loss", self.progress.n_examples, values(loss.clone())[0])?,
-        );
-        self.network.descend(&loss);
+        let (learner, rows) = (&self.learner, transitions.len());
+        let (n_seen, n_shares) = (self.scaling.n_channels(), self.shares.len());
+        let plan = self.learning.of_rows(rows, |equations| {
+            let observations = equations.input("observations", [rows, n_seen]);
+            learner.update(observations, equations.input("targets", [rows, n_shares]));
+        });
+        let seen = || transitions.iter().map(|transition| &transition.observation);
+        let scaled = seen().flat_map(|seen| self.scaling.apply(&seen.seats[0]));
+        plan.write("observations", &scaled.collect::<Vec<f32>>());
+        let targets = seen().flat_map(|seen| &seen.state).map(|x| *x as f32);
+        plan.write("targets", &targets.collect::<Vec<f32>>());
+        plan.run_seeded("update", &mut self.state, rng.next_u64());
+        let loss = finite("loss", self.progress.n_examples, plan.number("loss"))?;
+        record.mean("loss", loss);
         self.progress.n_updates += 1;
         Ok(())
     }
@@ -193,29 +239,26 @@ impl<H: SimplexHead> Agent for SimplexRegression<H> {
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
         let mut file = TensorFile::default();
-        self.network.store("network", &mut file);
+        state_file::store(&self.state, &mut file);
         checkpoint::write(H::NAME, dir, file, &self.progress)
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
         let (file, progress) = checkpoint::read(H::NAME, dir)?;
-        self.network
-            .restore("network", &file)
-            .map_err(checkpoint::error_of(H::NAME))?;
+        state_file::restore(&mut self.state, &file).map_err(checkpoint::error_of(H::NAME))?;
         self.progress = progress;
         Ok(())
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let ports = self.scaling.ports(&self.shares);
-        let policy = Policy::new(self.network.network(), ports, H::EXPORTED);
+        let policy = Policy::of_state(&self.learner.network, &self.state, self.ports(), H::EXPORTED);
         policy.write(dir).map_err(checkpoint::error_of(H::NAME))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        let ports = self.scaling.ports(&self.shares);
-        checkpoint::import_policy(H::NAME, &mut self.network, dir, &ports, H::EXPORTED)?;
+        let (ports, network, state) = (self.ports(), &self.learner.network, &mut self.state);
+        checkpoint::import_network(H::NAME, network, state, dir, &ports, H::EXPORTED)?;
         Ok(true)
     }
 }

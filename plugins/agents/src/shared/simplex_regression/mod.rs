@@ -1,14 +1,13 @@
-//! Regressions onto a simplex: losses, examples, and the [agent](SimplexRegression) that is the same for
+//! Regressions onto a simplex: losses, and the [agent](SimplexRegression) that is the same for
 //! every distribution.
 
 mod agent;
 
 pub use agent::{SimplexHead, SimplexRegression, register};
 
-use super::scaling::Scaling;
-use burn::tensor::Tensor;
-use contract::{Transition, Updates};
-use numerics::{dirichlet::LOG_ACTION_FLOOR, network::matrix};
+use contract::Updates;
+use numerics::dirichlet::LOG_ACTION_FLOOR;
+use plan::Expression;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -49,57 +48,42 @@ impl Progress {
 
 /// Mean over rows and shares of `|action - target|`.
 #[must_use]
-pub fn mean_absolute_error(action: Tensor<2>, targets: Tensor<2>) -> Tensor<1> {
+pub fn mean_absolute_error<'e>(action: Expression<'e>, targets: Expression<'e>) -> Expression<'e> {
     (action - targets).abs().mean()
 }
 
-/// Mean absolute error of each row less that of the batch, `[batch, 1]`, without gradients.
+/// Mean absolute error of each row less that of the batch, `[batch, 1]`.
 #[must_use]
-pub fn excess_error(action: Tensor<2>, targets: Tensor<2>) -> Tensor<2> {
-    let errors = (action - targets).abs().mean_dim(1);
-    let batch = errors.clone().mean_dim(0);
-    errors - batch
+pub fn excess_error<'e>(action: Expression<'e>, targets: Expression<'e>) -> Expression<'e> {
+    let errors = (action - targets).abs().mean_columns();
+    errors - errors.mean()
 }
 
 /// Logarithms of shares, with a floor below which a share counts as zero.
 #[must_use]
-pub fn log_shares(shares: Tensor<2>) -> Tensor<2> {
-    shares.clamp_min(LOG_ACTION_FLOOR.exp()).log()
-}
-
-/// Scaled observations and targets of a batch of transitions.
-#[must_use]
-#[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-pub fn examples(transitions: &[Transition], scaling: &Scaling) -> (Tensor<2>, Tensor<2>) {
-    let seen = transitions
-        .iter()
-        .flat_map(|transition| scaling.apply(&transition.observation.seats[0]))
-        .collect();
-    let targets = transitions
-        .iter()
-        .flat_map(|transition| &transition.observation.state)
-        .map(|x| *x as f32)
-        .collect();
-    let n_shares = transitions
-        .first()
-        .map_or(1, |transition| transition.observation.state.len());
-    (matrix(seen, scaling.n_channels()), matrix(targets, n_shares))
+pub fn log_shares(shares: Expression<'_>) -> Expression<'_> {
+    shares.clamp(LOG_ACTION_FLOOR.exp(), f64::INFINITY).ln()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use numerics::network::values;
+    use plan::{Equations, Processor, State};
 
     #[test]
     fn errors_by_hand() {
-        let (action, target) = (
-            matrix(vec![0.5, 0.5, 1.0, 0.0], 2),
-            matrix(vec![0.25, 0.75, 0.25, 0.75], 2),
-        );
-        assert_eq!(values(mean_absolute_error(action.clone(), target.clone())), [0.5]);
-        assert_eq!(values(excess_error(action, target)), [-0.25, 0.25]);
-        assert_eq!(values(log_shares(matrix(vec![1.0], 1))), [0.0]);
-        assert!((f64::from(values(log_shares(matrix(vec![0.0], 1)))[0]) - LOG_ACTION_FLOOR).abs() < 1e-4);
+        let equations = Equations::new();
+        equations.routine("errors");
+        let action = equations.constant([2, 2], &[0.5, 0.5, 1.0, 0.0]);
+        let target = equations.constant([2, 2], &[0.25, 0.75, 0.25, 0.75]);
+        equations.output("mean", mean_absolute_error(action, target));
+        equations.output("excess", excess_error(action, target));
+        equations.output("logarithms", log_shares(equations.constant([1, 2], &[1.0, 0.0])));
+        let mut processor = Processor::<f32>::new(equations.into_graph());
+        processor.run("errors", &mut State::default());
+        assert_eq!(processor.entries("mean"), [0.5]);
+        assert_eq!(processor.entries("excess"), [-0.25, 0.25]);
+        let logarithms = processor.entries("logarithms");
+        assert!(logarithms[0] == 0.0 && (f64::from(logarithms[1]) - LOG_ACTION_FLOOR).abs() < 1e-4);
     }
 }

@@ -20,29 +20,35 @@
 //!
 //! Metric, mean over the updates since the last measurement: `fit_loss`, the loss above.
 
+#[cfg(test)]
+mod tests;
+
 use crate::shared::{
     checkpoint::{self, finite},
     ring::Ring,
     scaling::{ObservationScaling, Scaling},
     seat,
+    seat_network::HiddenLayers,
 };
-use burn::module::Module;
 use contract::{
     Action, Agent, AgentTraits, Channel, Error, Feed, Interface, Metric, Mode, Observation, Recorder,
     Registry, Rng, Space, Transition, Updates,
 };
 use numerics::{
-    network::{Activation, Mlp, device, matrix, values},
-    optimizer::{Adam, TrainedNetwork},
+    equations::{network::Network, state_file},
+    network::Activation,
     policy_file::{Head, Policy},
     tensor_file::TensorFile,
 };
+use plan::{Descent, Expression, Plans, State};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const NAME: &str = "network_regression";
+/// Name of the learning rate in the state.
+const RATE: &str = "learning_rate";
 
 /// Hyper-parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -98,7 +104,10 @@ pub struct NetworkRegression {
     inputs: Scaling,
     targets: Scaling,
     actions: Vec<Channel>,
-    network: TrainedNetwork<Mlp>,
+    network: Network,
+    state: State<f32>,
+    acting: Plans,
+    learning: Plans,
     n_updates: u64,
     /// Stored examples, inputs before targets.
     memory: Ring,
@@ -138,12 +147,15 @@ impl NetworkRegression {
         let observed = seat::observed(NAME, seat)?;
         let places = places(config.inputs.as_deref(), observed)?;
         let chosen: Vec<Channel> = places.iter().map(|place| observed[*place].clone()).collect();
+        let hidden = HiddenLayers {
+            width: config.width,
+            layers: config.layers,
+            activation: Activation::Relu,
+        };
         // A network without inputs gets one that is always 0.
-        let hidden = vec![config.width; config.layers];
-        let sizes = [vec![chosen.len().max(1)], hidden, vec![actions.len()]].concat();
-        let activations = vec![Activation::Relu; config.layers];
-        let network = Mlp::new(&sizes, &activations, 1.0, rng, &device().autodiff());
-        let adam = Adam::new(config.learning_rate, None);
+        let network = hidden.described("network", chosen.len().max(1), actions.len());
+        let mut state = State::default();
+        network.initialise(1.0, &mut state, rng);
         if config.updates_per_batch > 1 && config.memory == 0 {
             return Err(Error::config(
                 "memory",
@@ -155,7 +167,10 @@ impl NetworkRegression {
             inputs: Scaling::new(ObservationScaling::Typical, &chosen),
             targets: Scaling::new(ObservationScaling::Typical, &interface.state),
             actions: actions.clone(),
-            network: TrainedNetwork::new(network, adam),
+            network,
+            state,
+            acting: Plans::default(),
+            learning: Plans::default(),
             places,
             config,
             n_updates: 0,
@@ -178,16 +193,6 @@ impl NetworkRegression {
 
     fn n_inputs(&self) -> usize {
         self.places.len().max(1)
-    }
-
-    /// Action from scaled outputs.
-    fn action(&self, outputs: &[f32]) -> Result<Action, Error> {
-        let entry = |(output, channel): (&f32, &Channel)| {
-            let number = finite("action", self.n_updates, *output)?;
-            Ok((channel.center + channel.spread * number).clamp(channel.low, channel.high))
-        };
-        let entries = outputs.iter().zip(&self.actions).map(entry);
-        Ok(vec![entries.collect::<Result<_, Error>>()?])
     }
 
     #[allow(clippy::cast_precision_loss, reason = "a number of updates is far below 2^52")]
@@ -230,15 +235,18 @@ impl NetworkRegression {
 
     /// Updates once on examples, row by row.
     fn update(&mut self, rows: &[f32], record: &mut Recorder) -> Result<(), Error> {
-        let (inputs, n) = (self.n_inputs(), self.actions.len());
-        let both = matrix(rows.to_vec(), inputs + n);
-        let seen = both.clone().narrow(1, 0, inputs);
-        let off = self.network.network().forward(seen) - both.narrow(1, inputs, n);
-        let loss = off.powf_scalar(2.0).mean();
-        let value = finite("fit_loss", self.n_updates, values(loss.clone())[0])?;
-        record.mean("fit_loss", value);
-        self.network.set_learning_rate(self.learning_rate());
-        self.network.descend(&loss);
+        self.state.set_number(RATE, self.learning_rate());
+        let (network, widths) = (&self.network, [self.n_inputs(), self.actions.len()]);
+        let (n_columns, first_rate) = (self.memory.width(), self.config.learning_rate);
+        let n_rows = rows.len() / n_columns;
+        let plan = self.learning.of_rows(n_rows, |equations| {
+            let examples = equations.input("examples", [n_rows, n_columns]);
+            update(network, widths, examples, first_rate);
+        });
+        plan.write("examples", rows);
+        plan.run("update", &mut self.state);
+        let loss = finite("fit_loss", self.n_updates, plan.number("fit_loss"))?;
+        record.mean("fit_loss", loss);
         self.n_updates += 1;
         Ok(())
     }
@@ -246,6 +254,27 @@ impl NetworkRegression {
     fn names(&self) -> Vec<String> {
         self.actions.iter().map(|channel| channel.name.clone()).collect()
     }
+}
+
+/// Action in the units of its channels from scaled outputs.
+fn action(outputs: &[f32], channels: &[Channel], step: u64) -> Result<Action, Error> {
+    let entry = |(output, channel): (&f32, &Channel)| {
+        let number = finite("action", step, *output)?;
+        Ok((channel.center + channel.spread * number).clamp(channel.low, channel.high))
+    };
+    let entries = outputs.iter().zip(channels).map(entry);
+    Ok(vec![entries.collect::<Result<_, Error>>()?])
+}
+
+/// One update on examples `[rows, inputs + n]`, inputs before targets.
+fn update(network: &Network, [inputs, n]: [usize; 2], examples: Expression<'_>, first_rate: f64) {
+    let equations = examples.equations();
+    equations.routine("update");
+    let off = network.apply(examples.columns(0..inputs)) - examples.columns(inputs..inputs + n);
+    let loss = off.square().mean();
+    equations.output("fit_loss", loss);
+    let parameters = network.parameters(equations);
+    equations.descend(loss, &parameters, &Descent::adam(RATE, first_rate, None));
 }
 
 /// Positions of the channels whose names begin with one of `wanted`; all positions for `None`.
@@ -269,11 +298,17 @@ fn places(wanted: Option<&[String]>, observed: &[Channel]) -> Result<Vec<usize>,
 
 impl Agent for NetworkRegression {
     fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
-        let seen = matrix(self.seen(observations.iter()), self.n_inputs());
-        let outputs = values(self.network.network().valid().forward(seen));
-        outputs
-            .chunks(self.actions.len())
-            .map(|row| self.action(row))
+        let (network, shape) = (&self.network, [observations.len(), self.n_inputs()]);
+        let seen = self.seen(observations.iter());
+        let plan = self.acting.of_rows(observations.len(), |equations| {
+            let seen = equations.input("seen", shape);
+            equations.routine("answer");
+            equations.output("answers", network.apply(seen));
+        });
+        plan.write("seen", &seen);
+        plan.run("answer", &mut self.state);
+        let rows = plan.entries("answers").chunks(self.actions.len());
+        rows.map(|row| action(row, &self.actions, self.n_updates))
             .collect()
     }
 
@@ -306,7 +341,7 @@ impl Agent for NetworkRegression {
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
         let mut file = TensorFile::default();
-        self.network.store("network", &mut file);
+        state_file::store(&self.state, &mut file);
         self.memory.store("memory", &mut file);
         checkpoint::write(NAME, dir, file, &self.n_updates)
     }
@@ -314,7 +349,7 @@ impl Agent for NetworkRegression {
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
         let (file, n_updates) = checkpoint::read(NAME, dir)?;
         let misfit = checkpoint::error_of(NAME);
-        self.network.restore("network", &file).map_err(&misfit)?;
+        state_file::restore(&mut self.state, &file).map_err(&misfit)?;
         self.memory.restore("memory", &file).map_err(&misfit)?;
         self.n_updates = n_updates;
         Ok(())
@@ -323,155 +358,15 @@ impl Agent for NetworkRegression {
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let ports = self.inputs.ports(&self.names());
         let (center, spread) = self.actions.iter().map(|it| (it.center, it.spread)).unzip();
-        let policy = Policy::new(self.network.network(), ports, Head::Identity).in_units(center, spread);
+        let policy = Policy::of_state(&self.network, &self.state, ports, Head::Identity);
+        let policy = policy.in_units(center, spread);
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
         let ports = self.inputs.ports(&self.names());
-        checkpoint::import_policy(NAME, &mut self.network, dir, &ports, Head::Identity)?;
+        checkpoint::import_network(NAME, &self.network, &mut self.state, dir, &ports, Head::Identity)?;
         Ok(true)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use contract::{End, Seat, random::stream};
-
-    /// Interface with two channels; one of them is twice the answer in other units.
-    fn interface() -> Interface {
-        let channel = |name: &str, center, spread| Channel::new(name, "").typical(center, spread);
-        Interface {
-            seats: vec![Seat {
-                name: String::new(),
-                observation: Space::Box(vec![channel("noise", 0.0, 1.0), channel("signal_1", 10.0, 2.0)]),
-                action: Space::Box(vec![Channel::new("answer", "").within(-1.0, 1.0)]),
-            }],
-            state: vec![channel("true_answer", 100.0, 50.0)],
-        }
-    }
-
-    fn example(rng: &mut Rng) -> Transition {
-        let (answer, noise) = (rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0));
-        let observation = Observation {
-            seats: vec![vec![noise, 10.0 + 2.0 * answer]],
-            state: vec![100.0 + 50.0 * answer],
-        };
-        Transition {
-            next_observation: observation.clone(),
-            observation,
-            action: Vec::new(),
-            rewards: Vec::new(),
-            end: Some(End::Terminated),
-        }
-    }
-
-    /// The agent after some batches, and its mean absolute error.
-    fn fitted(config: Config, batches: usize) -> (NetworkRegression, f64) {
-        let mut rng = stream(&["regression"]);
-        let mut agent = NetworkRegression::new(config, &interface(), &mut rng).unwrap();
-        let mut record = Recorder::default();
-        for _ in 0..batches {
-            let batch: Vec<Transition> = (0..32).map(|_| example(&mut rng)).collect();
-            agent.learn(&batch, &mut rng, &mut record).unwrap();
-        }
-        let tests: Vec<Observation> = (0..200).map(|_| example(&mut rng).observation).collect();
-        let acted = agent.act(&tests, Mode::Evaluate, &mut rng).unwrap();
-        let pairs = acted.iter().zip(&tests);
-        let off: f64 = pairs
-            .map(|(action, it)| (action[0][0] - (it.state[0] - 100.0) / 50.0).abs())
-            .sum();
-        (agent, off / 200.0)
-    }
-
-    fn tiny(inputs: Option<&[&str]>) -> Config {
-        Config {
-            width: 16,
-            layers: 2,
-            learning_rate: 3e-3,
-            halved_every: Some(200),
-            updates_per_batch: 2,
-            memory: 100,
-            inputs: inputs.map(|words| words.iter().map(ToString::to_string).collect()),
-        }
-    }
-
-    #[test]
-    fn it_finds_the_answer_where_it_sees_it_and_the_mean_where_it_does_not() {
-        assert!(fitted(tiny(None), 0).1 > 0.2);
-        assert!(fitted(tiny(None), 500).1 < 0.05);
-        assert!(fitted(tiny(Some(&["signal_"])), 500).1 < 0.05);
-        for blind in [&[] as &[&str], &["noise"]] {
-            let (_, off) = fitted(tiny(Some(blind)), 500);
-            // The mean is off by a half for a uniform answer around 0.
-            assert!((0.4..0.6).contains(&off), "{off}");
-        }
-    }
-
-    #[test]
-    fn steps_are_halved_little_by_little() {
-        let (agent, _) = fitted(tiny(None), 50);
-        assert!((agent.learning_rate() - 3e-3 * 0.5_f64.sqrt()).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_saved_agent_continues_and_an_exported_one_acts_the_same() {
-        let (mut agent, _) = fitted(tiny(None), 20);
-        let folder = tempfile::tempdir().unwrap();
-        agent.save(folder.path()).unwrap();
-        assert!(agent.export(folder.path()).unwrap());
-        let mut rng = stream(&["again"]);
-        let mut again = NetworkRegression::new(tiny(None), &interface(), &mut rng).unwrap();
-        let mut imported = again.clone();
-        again.load(folder.path()).unwrap();
-        imported.import(folder.path()).unwrap();
-        let batch: Vec<Transition> = (0..32).map(|_| example(&mut rng)).collect();
-        let seen: Vec<Observation> = batch.iter().map(|it| it.observation.clone()).collect();
-        let mut act = |agent: &mut NetworkRegression| agent.act(&seen, Mode::Evaluate, &mut rng).unwrap();
-        let expected = act(&mut agent);
-        assert_eq!(act(&mut imported), expected);
-        let policy = Policy::read(folder.path()).unwrap();
-        assert!((policy.act(&seen[0].seats[0])[0] - expected[0][0][0]).abs() < 1e-6);
-        let mut record = Recorder::default();
-        for agent in [&mut agent, &mut again] {
-            agent.learn(&batch, &mut stream(&["x"]), &mut record).unwrap();
-        }
-        assert_eq!(act(&mut agent), act(&mut again));
-    }
-
-    #[test]
-    fn the_last_examples_are_remembered() {
-        let (agent, _) = fitted(tiny(Some(&["signal_"])), 4);
-        // 128 examples, of which 100 are kept; the signal of each equals its answer.
-        assert_eq!(agent.memory.len(), 100);
-        assert!(agent.memory.rows().all(|row| (row[0] - row[1]).abs() < 1e-6));
-        let all = fitted(tiny(Some(&["signal_"])), 3).0;
-        assert!((28..96).all(|at| agent.memory.row(at) == all.memory.row(at)));
-        assert!((0..28).all(|at| agent.memory.row(at) != all.memory.row(at)));
-    }
-
-    #[test]
-    fn misfits_are_refused() {
-        let message = |config: Config, interface: &Interface| {
-            let built = NetworkRegression::new(config, interface, &mut stream(&["x"]));
-            built.unwrap_err().to_string()
-        };
-        let unknown = message(tiny(Some(&["target_"])), &interface());
-        assert!(
-            unknown.contains("no channel begins with `target_`; there are: noise, signal_1"),
-            "{unknown}"
-        );
-        let mut stateless = interface();
-        stateless.state.clear();
-        assert!(message(tiny(None), &stateless).contains("state of 1 channels"));
-        let shares = seat::tests::allocation(&["x"], &["a", "b"], 2);
-        assert!(message(tiny(None), &shares).contains("numbers in a box"));
-        let forgetful = Config {
-            memory: 0,
-            ..tiny(None)
-        };
-        assert!(message(forgetful, &interface()).contains("updates of remembered examples"));
     }
 }
