@@ -98,7 +98,10 @@ const ARROWS: [(&str, &[&str]); 25] = [
         "plugins/estimators",
         &["arithmetic", "contract", "environments", "numerics"],
     ),
-    ("plugins/generators", &["contract", "numerics", "statistics"]),
+    (
+        "plugins/generators",
+        &["arithmetic", "contract", "numerics", "plan", "statistics"],
+    ),
     (
         "plugins/programs",
         &["contract", "document", "execution", "imported", "numerics"],

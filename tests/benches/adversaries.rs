@@ -8,11 +8,9 @@
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
-use burn::tensor::{Tensor, TensorData};
-use generators::adversarial::{Adversaries, Training, latents, training_device};
+use generators::adversarial::{Adversaries, Training, latents};
 use generators::architecture::E2GAN;
-use generators::discriminator::Discriminator;
-use generators::generator::{Generator, GeneratorSizes};
+use generators::generator::GeneratorSizes;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use std::time::Instant;
 
@@ -35,29 +33,21 @@ fn main() {
         channels,
         latent: LATENT,
     };
-    let mut trained = Adversaries::new(
-        Generator::new(sizes, &mut rng, &training_device()),
-        Discriminator::new(channels, &mut rng, &training_device()),
-        Training::default(),
-    );
+    let mut trained = Adversaries::new(sizes, channels, Training::default(), &mut rng);
     E2GAN.cells[..cells]
         .iter()
         .for_each(|cell| trained.grow(cell, &mut rng));
     let side = trained.generator().side();
-    let pixels: Vec<f32> = (0..batch * side * side * 3)
+    let real: Vec<f32> = (0..batch * side * side * 3)
         .map(|i| (i as f32 * 12.9898).sin())
         .collect();
-    let real = Tensor::<4>::from_data(
-        TensorData::new(pixels, [batch, side, side, 3]),
-        &numerics::network::device(),
-    );
     let (mut of_critic, mut of_generator, begin) = (Vec::new(), Vec::new(), Instant::now());
     while of_critic.len() < 8 || begin.elapsed().as_secs_f64() < seconds {
         let start = Instant::now();
-        trained.critic_step(real.clone(), latents(batch, LATENT, &mut rng));
+        trained.critic_step(&real, &latents(batch, LATENT, &mut rng));
         of_critic.push(start.elapsed().as_secs_f64());
         let start = Instant::now();
-        trained.generator_step(latents(batch, LATENT, &mut rng));
+        trained.generator_step(&latents(batch, LATENT, &mut rng));
         of_generator.push(start.elapsed().as_secs_f64());
     }
     let (critic_s, generator_s) = (median(of_critic), median(of_generator));

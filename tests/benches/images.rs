@@ -7,10 +7,8 @@
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
-use burn::tensor::{Tensor, TensorData};
-use numerics::image::{convolution, deconvolution, normalisation, pointwise, resize, spectral};
-use numerics::network::device;
-use std::hint::black_box;
+use generators::image::{Image, normalisation::Affine, spectral::SingularVectors};
+use plan::{Equations, Expression, Processor, State};
 use std::time::Instant;
 
 #[global_allocator]
@@ -26,73 +24,92 @@ fn main() {
     let name = words.first().map_or("convolve_3x3", String::as_str);
     let [batch, inputs, outputs, side] = [number(1, 32), number(2, 16), number(3, 16), number(4, 16)];
     let seconds = number(5, 2) as f64;
-    let image = numbers([batch, side, side, inputs]);
-    let weight = numbers([n_weights(name, inputs, outputs)]);
-    let bias = numbers([outputs]);
-    let output = compute(
-        name,
-        [image.clone(), weight.clone().reshape([1, 1, 1, -1])],
-        bias.clone(),
-    );
-    let upstream = Tensor::from_inner(numbers(output.dims()));
-    let leaf = |x: &Tensor<4>| Tensor::from_inner(x.clone()).require_grad();
-    let vector = |x: &Tensor<1>| Tensor::from_inner(x.clone()).require_grad();
-    let of_sum = median(seconds / 4.0, || {
-        black_box((leaf(&output) * upstream.clone()).sum().backward());
+    let mut state = State::default();
+    let weight_shape = weight_shape(name, inputs, outputs);
+    let n_biases = if name.contains("convolve") { outputs } else { inputs };
+    let operands = [
+        ("image", [batch * side * side, inputs]),
+        ("weight", weight_shape),
+        ("bias", [1, n_biases]),
+    ];
+    let equations = Equations::new();
+    let leaves = operands.map(|(name, shape)| {
+        state.insert(name, shape, numbers(shape[0] * shape[1]));
+        equations.parameter(name, shape)
     });
-    let whole = median(seconds, || {
-        let weight = vector(&weight).reshape([1, 1, 1, -1]);
-        let output = compute(name, [leaf(&image), weight], vector(&bias));
-        black_box((output * upstream.clone()).sum().backward());
-    });
+    equations.routine("whole");
+    let output = compute(name, leaves, side);
+    let shape = output.shape();
+    let used = match name {
+        "spectral" => &leaves[1..2],
+        "batch" | "batch_relu" => &leaves[..],
+        _ if name.contains("convolve") => &leaves[..],
+        _ => &leaves[..1],
+    };
+    descend_sum(output, used);
+    equations.routine("sum");
+    state.insert("output", shape, numbers(shape[0] * shape[1]));
+    descend_sum(equations.parameter("output", shape), &[]);
+    let mut plan = Processor::<f32>::new(equations.into_graph());
+    let mut time = |routine: &str, seconds: f64| median(seconds, || plan.run(routine, &mut state));
+    let (of_sum, whole) = (time("sum", seconds / 4.0), time("whole", seconds));
     println!(
         "{}",
         serde_json::json!({ "who": "Regimen", "median_s": whole - of_sum, "sum_s": of_sum })
     );
 }
 
-fn numbers<const D: usize>(shape: [usize; D]) -> Tensor<D> {
-    let values: Vec<f32> = (0..shape.iter().product())
-        .map(|i| (i as f32 * 12.9898).sin())
-        .collect();
-    Tensor::from_data(TensorData::new(values, shape), &device())
-}
-
-fn n_weights(name: &str, inputs: usize, outputs: usize) -> usize {
-    match name {
-        "convolve_3x3" | "spectral" => 9 * inputs * outputs,
-        "convolve_1x1" => inputs * outputs,
-        "deconvolve_2x2" => 4 * inputs * outputs,
-        _ => inputs,
+/// Adds the gradients of a weighted sum of a value in leaves, or in itself.
+fn descend_sum<'e>(output: Expression<'e>, leaves: &[Expression<'e>]) {
+    let (equations, [rows, columns]) = (output.equations(), output.shape());
+    let upstream: Vec<f64> = numbers(rows * columns).into_iter().map(f64::from).collect();
+    let loss = (output * equations.constant([rows, columns], &upstream)).sum();
+    let of = if leaves.is_empty() { vec![output] } else { leaves.to_vec() };
+    for (at, gradient) in equations.gradients(loss, &of).into_iter().enumerate() {
+        equations.output(&format!("{rows} {columns} {at} {}", leaves.len()), gradient);
     }
 }
 
-fn compute(name: &str, [x, w]: [Tensor<4>; 2], b: Tensor<1>) -> Tensor<4> {
-    let (inputs, outputs, [_, height, width, _]) = (x.dims()[3], b.dims()[0], x.dims());
+fn numbers(count: usize) -> Vec<f32> {
+    (0..count).map(|i| (i as f32 * 12.9898).sin()).collect()
+}
+
+fn weight_shape(name: &str, inputs: usize, outputs: usize) -> [usize; 2] {
     match name {
-        "convolve_3x3" => convolution::convolve_3x3(x, w.reshape([3, 3, inputs, outputs]), b),
-        "convolve_1x1" => convolution::convolve_1x1(x, w.reshape([inputs, outputs]), b),
-        "deconvolve_2x2" => deconvolution::deconvolve_2x2(x, w.reshape([inputs, 2, 2, outputs]), b),
-        "batch" => normalisation::normalise_batch(x, w.flatten(0, 3), b, false).0,
-        "batch_relu" => normalisation::normalise_batch(x, w.flatten(0, 3), b, true).0,
-        "instance" => normalisation::normalise_instances(x, false),
-        "instance_relu" => normalisation::normalise_instances(x, true),
-        "bilinear" => resize::resize_bilinear(x, [2 * height, 2 * width]),
-        "nearest" => resize::enlarge_nearest(x, 2),
-        "pool" => resize::average_pool(x),
-        "relu" => pointwise::relu(x),
-        "tanh" => pointwise::tanh(x),
+        "convolve_3x3" | "spectral" => [9 * inputs, outputs],
+        "convolve_1x1" => [inputs, outputs],
+        "deconvolve_2x2" => [inputs, 4 * outputs],
+        _ => [1, inputs],
+    }
+}
+
+fn compute<'e>(name: &str, [pixels, weight, bias]: [Expression<'e>; 3], side: usize) -> Expression<'e> {
+    let x = Image::new(pixels, [side; 2]);
+    let affine = Affine { weight, bias };
+    let image = match name {
+        "convolve_3x3" => x.convolve(3, weight, bias),
+        "convolve_1x1" => x.convolve(1, weight, bias),
+        "deconvolve_2x2" => x.deconvolve_2x2(weight, bias),
+        "batch" => x.normalise_batch(affine, false).0,
+        "batch_relu" => x.normalise_batch(affine, true).0,
+        "instance" => x.normalise_instances(false),
+        "instance_relu" => x.normalise_instances(true),
+        "bilinear" => x.resize_bilinear([2 * side; 2]),
+        "nearest" => x.enlarge_nearest(2),
+        "pool" => x.average_pool(),
+        "relu" => x.relu(),
+        "tanh" => x.tanh(),
         "spectral" => {
-            let mut vectors = spectral::SingularVectors {
-                of_outputs: vec![1.0; outputs],
-                of_rows: vec![1.0; 9 * inputs],
+            let ones = |n| weight.equations().constant([n, 1], &vec![1.0; n]);
+            let vectors = SingularVectors {
+                of_outputs: ones(weight.n_columns()),
+                of_rows: ones(weight.n_rows()),
             };
-            let weight = w.reshape([3, 3, inputs, outputs]);
-            vectors.iterate(&weight);
-            spectral::normalised(weight, &vectors)
+            return vectors.iterated(weight).divided(weight);
         }
         other => panic!("there is no operation `{other}`"),
-    }
+    };
+    image.pixels
 }
 
 fn median(seconds: f64, mut run: impl FnMut()) -> f64 {

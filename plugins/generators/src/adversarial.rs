@@ -6,23 +6,23 @@
 //! - a step of the critic descends `mean max(0, 1 - D(x)) + mean max(0, 1 + D(G(z)))`;
 //! - a step of the generator descends `-mean D(G(z))`.
 //!
-//! Both use Adam. Each grown part has an optimiser of its own, so a new one begins with its own first step
+//! Both use Adam. The optimiser of each parameter counts its own steps, so a grown part begins with its own first step
 //! while the earlier ones go on. A generator whose parameters are an exponential moving average follows the
 //! generator step by step; it normalises by the running statistics of the generator itself.
 
 use crate::architecture::CellArchitecture;
 use crate::discriminator::Discriminator;
-use crate::generator::Generator;
-use crate::layers::PassMode;
-use crate::memory::{self, StatefulModule};
-use burn::module::Module;
-use burn::tensor::{Device, Gradients, Tensor, activation};
+use crate::generator::{self, FinishedGenerator, Generator, GeneratorSizes, IMAGE_CHANNELS};
+use crate::image::Image;
+use crate::layers::{Parameter, PassMode, expressions};
+use numerics::equations::state_file;
 use numerics::gaussian::standard_normal;
-use numerics::network::{device, matrix, values};
-use numerics::optimizer::{self, Adam};
-use numerics::parameters::soft_update;
 use numerics::tensor_file::{TensorFile, TensorFileError};
+use plan::{Descent, Equations, Expression, Plans, Processor, State};
 use rand::RngCore;
+
+/// Beginning of the names of averaged parameters.
+const AVERAGE: &str = "average";
 
 /// Hyper-parameters of the training of both networks.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,208 +46,208 @@ impl Default for Training {
     }
 }
 
-/// A generator and a discriminator with their optimisers.
+impl Training {
+    fn descent(&self) -> Descent<'static> {
+        Descent {
+            rate: "learning_rate",
+            first_rate: self.learning_rate,
+            betas: self.betas,
+            largest_norm: None,
+        }
+    }
+}
+
+/// A generator and a discriminator that are trained, with all their numbers.
 #[derive(Debug, Clone)]
 pub struct Adversaries {
     generator: Generator,
     discriminator: Discriminator,
-    average: Generator,
-    of_generator: Optimiser,
-    of_discriminator: Optimiser,
     training: Training,
+    state: State<f32>,
+    /// Steps of both networks by the size of a batch.
+    plans: Plans,
 }
 
 impl Adversaries {
-    /// Takes networks on the device with autodiff, see [`training_device`].
+    /// A generator without cells and a discriminator for maps with `n_channels`, with random numbers.
     #[must_use]
-    pub fn new(generator: Generator, discriminator: Discriminator, training: Training) -> Self {
-        let optimiser = |n_parts| Optimiser::new(n_parts, training);
+    pub fn new(sizes: GeneratorSizes, n_channels: usize, training: Training, rng: &mut impl RngCore) -> Self {
+        let mut state = State::default();
+        let generator = Generator::new(sizes, &mut state, rng);
+        let discriminator = Discriminator::new(n_channels, &mut state, rng);
+        average(generator.parameters(), &mut state);
         Self {
-            average: generator.valid(),
-            of_generator: optimiser(generator.cells.len()),
-            of_discriminator: optimiser(discriminator.blocks.len()),
             generator,
             discriminator,
             training,
+            state,
+            plans: Plans::default(),
         }
     }
 
     /// Adds a cell to the generator and a block to the discriminator.
     pub fn grow(&mut self, architecture: &CellArchitecture, rng: &mut impl RngCore) {
-        self.generator.grow(architecture, rng, &training_device());
-        self.discriminator.grow(rng, &training_device());
-        self.average.cells.extend(self.generator.valid().cells.pop());
-        self.of_generator.grow(self.training);
-        self.of_discriminator.grow(self.training);
+        let n_known = self.generator.parameters().len();
+        self.generator.grow(architecture, &mut self.state, rng);
+        self.discriminator.grow(&mut self.state, rng);
+        average(&self.generator.parameters()[n_known..], &mut self.state);
+        self.plans = Plans::default();
     }
 
     /// One step of the discriminator with real images `[batch, side, side, 3]` and latent vectors `[batch,
     /// latent]`; returns the loss before it.
-    pub fn critic_step(&mut self, real: Tensor<4>, latents: Tensor<2>) -> f32 {
-        // A plain copy makes no graph; its updated running statistics go back.
-        let mut copy = self.generator.valid();
-        let fake = copy.forward(latents, PassMode::Training).images;
-        self.generator.adopt(copy);
-        let of_real = self.discriminator.forward(real, PassMode::Training);
-        let of_fake = self.discriminator.forward(fake, PassMode::Training);
-        let hinges = [of_real.neg() + 1.0, of_fake + 1.0].map(activation::relu);
-        let before = hinges.iter().map(mean).sum();
-        let [of_real, of_fake] = hinges.map(Tensor::mean);
-        let loss = of_real + of_fake;
-        let Discriminator {
-            ending,
-            blocks,
-            n_channels,
-        } = self.discriminator.clone();
-        let (ending, blocks) = self.of_discriminator.step(ending, blocks, &mut loss.backward());
-        self.discriminator = Discriminator {
-            ending,
-            blocks,
-            n_channels,
-        };
-        before
+    ///
+    /// # Panics
+    /// Where there are not as many images as latent vectors.
+    pub fn critic_step(&mut self, real: &[f32], latents: &[f32]) -> f64 {
+        let (plan, state) = self.plan(latents);
+        plan.write("real", real);
+        plan.write("latents", latents);
+        plan.run("critic", state);
+        plan.number("critic_loss")
     }
 
     /// One step of the generator with latent vectors `[batch, latent]`; returns the loss before it.
-    pub fn generator_step(&mut self, latents: Tensor<2>) -> f32 {
-        let images = self.generator.forward(latents, PassMode::Training).images;
-        // A plain copy passes gradients on to its input and computes none of its own.
-        let mut copy = self.discriminator.valid();
-        let scores = copy.forward(images, PassMode::Training);
-        let (before, loss) = (-mean(&scores), scores.mean().neg());
-        self.discriminator.adopt(copy);
-        let Generator { trunk, cells, sizes } = self.generator.clone();
-        let (trunk, cells) = self.of_generator.step(trunk, cells, &mut loss.backward());
-        self.generator = Generator { trunk, cells, sizes };
-        let share = 1.0 - self.training.average_decay;
-        self.average = soft_update(self.average.clone(), &self.generator.valid(), share);
-        before
+    ///
+    /// # Panics
+    /// Where the numbers are no whole number of latent vectors.
+    pub fn generator_step(&mut self, latents: &[f32]) -> f64 {
+        let (plan, state) = self.plan(latents);
+        plan.write("latents", latents);
+        plan.run("generator", state);
+        plan.number("generator_loss")
     }
 
-    /// The generator, tracked for gradients.
+    fn plan(&mut self, latents: &[f32]) -> (&mut Processor<f32>, &mut State<f32>) {
+        let networks = Networks {
+            generator: &self.generator,
+            discriminator: &self.discriminator,
+            training: self.training,
+        };
+        let n_images = latents.len() / self.generator.sizes().latent;
+        let plan = self
+            .plans
+            .of_rows(n_images, |equations| networks.write(equations, n_images));
+        (plan, &mut self.state)
+    }
+
+    /// The form of the generator.
     #[must_use]
     pub fn generator(&self) -> &Generator {
         &self.generator
     }
 
-    /// The discriminator, tracked for gradients.
+    /// The form of the discriminator.
     #[must_use]
     pub fn discriminator(&self) -> &Discriminator {
         &self.discriminator
     }
 
-    /// The generator with averaged parameters and the running statistics of the trained one, without gradients.
+    /// All numbers of both networks, their optimisers and the average.
     #[must_use]
-    pub fn averaged_generator(&self) -> Generator {
-        let mut average = self.average.clone();
-        average.adopt(self.generator.clone());
-        average
+    pub fn state(&self) -> &State<f32> {
+        &self.state
     }
 
-    /// Writes networks and optimisers under `prefix` into a file.
-    pub fn store(&self, prefix: &str, file: &mut TensorFile) {
-        memory::store(&self.generator, &format!("{prefix}.generator"), file);
-        memory::store(&self.average, &format!("{prefix}.average"), file);
-        memory::store(&self.discriminator, &format!("{prefix}.discriminator"), file);
-        self.of_generator.store(&format!("{prefix}.of_generator"), file);
-        self.of_discriminator
-            .store(&format!("{prefix}.of_discriminator"), file);
+    /// A copy of the generator as it is trained.
+    #[must_use]
+    pub fn trained_generator(&self) -> FinishedGenerator {
+        FinishedGenerator::new(self.generator.clone(), self.state.clone())
     }
 
-    /// Continues from a file of [`Adversaries::store`] under `prefix`; the networks must have grown by the same
-    /// cells.
+    /// The generator with averaged parameters and the running statistics of the trained one.
+    #[must_use]
+    pub fn averaged_generator(&self) -> FinishedGenerator {
+        let mut state = self.state.clone();
+        for parameter in self.generator.parameters() {
+            let averaged = self.state.entries(&averaged(&parameter.name));
+            state.entries_mut(&parameter.name).copy_from_slice(averaged);
+        }
+        FinishedGenerator::new(self.generator.clone(), state)
+    }
+
+    /// Writes all numbers into a file.
+    pub fn store(&self, file: &mut TensorFile) {
+        state_file::store(&self.state, file);
+    }
+
+    /// Continues from a file of [`Adversaries::store`]; the networks must have grown by the same cells.
     ///
     /// # Errors
     /// [`TensorFileError`] where the file does not fit; the networks then stay unchanged.
-    pub fn restore(&mut self, prefix: &str, file: &TensorFile) -> Result<(), TensorFileError> {
-        let mut restored = self.clone();
-        restored.generator = memory::restore(restored.generator, &format!("{prefix}.generator"), file)?;
-        restored.average = memory::restore(restored.average, &format!("{prefix}.average"), file)?;
-        restored.discriminator =
-            memory::restore(restored.discriminator, &format!("{prefix}.discriminator"), file)?;
-        restored
-            .of_generator
-            .restore(&format!("{prefix}.of_generator"), file)?;
-        restored
-            .of_discriminator
-            .restore(&format!("{prefix}.of_discriminator"), file)?;
-        *self = restored;
+    pub fn restore(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
+        let mut restored = self.state.clone();
+        state_file::restore(&mut restored, file)?;
+        self.state = restored;
         Ok(())
     }
 }
 
-/// The device on which networks are trained: the processor, with autodiff.
-#[must_use]
-pub fn training_device() -> Device {
-    device().autodiff()
+/// Name of the average of a parameter of the generator.
+fn averaged(name: &str) -> String {
+    let rest = name.strip_prefix(generator::PREFIX).unwrap_or(name);
+    format!("{AVERAGE}{rest}")
+}
+
+/// Begins the averages of parameters.
+fn average(parameters: &[Parameter], state: &mut State<f32>) {
+    for Parameter { name, shape } in parameters {
+        let entries = state.entries(name).to_vec();
+        state.insert(averaged(name), *shape, entries);
+    }
+}
+
+/// Both networks, and how they are trained.
+#[derive(Debug, Clone, Copy)]
+struct Networks<'a> {
+    generator: &'a Generator,
+    discriminator: &'a Discriminator,
+    training: Training,
+}
+
+impl Networks<'_> {
+    /// One step of each network for a batch of `n_images`.
+    fn write(&self, equations: &Equations, n_images: usize) {
+        let side = self.generator.side();
+        let latents = equations.input("latents", [n_images, self.generator.sizes().latent]);
+        let real = equations.input("real", [n_images * side * side, IMAGE_CHANNELS]);
+        equations.routine("critic");
+        self.critic_step(Image::new(real, [side; 2]), latents);
+        equations.routine("generator");
+        self.generator_step(latents);
+    }
+
+    fn critic_step<'e>(&self, real: Image<'e>, latents: Expression<'e>) {
+        let equations = latents.equations();
+        let fake = self.generator.apply(latents, PassMode::Training).images;
+        let of_real = self.discriminator.apply(real, PassMode::Training);
+        let of_fake = self.discriminator.apply(fake, PassMode::Training);
+        let loss = (1.0 - of_real).relu().mean() + (1.0 + of_fake).relu().mean();
+        equations.output("critic_loss", loss);
+        let parameters = expressions(self.discriminator.parameters(), equations);
+        equations.descend(loss, &parameters, &self.training.descent());
+    }
+
+    fn generator_step(&self, latents: Expression<'_>) {
+        let equations = latents.equations();
+        let images = self.generator.apply(latents, PassMode::Training).images;
+        let loss = -self.discriminator.apply(images, PassMode::Training).mean();
+        equations.output("generator_loss", loss);
+        let parameters = self.generator.parameters();
+        let trained = expressions(parameters, equations);
+        equations.descend(loss, &trained, &self.training.descent());
+        let average = parameters
+            .iter()
+            .map(|it| equations.parameter(&averaged(&it.name), it.shape));
+        let average: Vec<Expression<'_>> = average.collect();
+        equations.follow(&average, &trained, 1.0 - self.training.average_decay);
+    }
 }
 
 /// `n` latent vectors `[n, latent]` of independent standard normal numbers.
-pub fn latents(n: usize, latent: usize, rng: &mut impl RngCore) -> Tensor<2> {
+pub fn latents(n: usize, latent: usize, rng: &mut impl RngCore) -> Vec<f32> {
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-    let drawn = (0..n * latent).map(|_| standard_normal(rng) as f32).collect();
-    matrix(drawn, latent)
-}
-
-/// The mean in the order of the rows, which is the same on every processor; no gradient depends on a mean of
-/// the tensor library.
-#[allow(
-    clippy::cast_precision_loss,
-    reason = "a batch has far fewer than 2^24 images"
-)]
-fn mean(scores: &Tensor<2>) -> f32 {
-    let scores = values(scores.clone());
-    scores.iter().sum::<f32>() / scores.len() as f32
-}
-
-/// Adam for the parameters that all stages share, and one for each grown part.
-#[derive(Debug, Clone)]
-struct Optimiser {
-    shared: Adam,
-    parts: Vec<Adam>,
-}
-
-impl Optimiser {
-    fn new(n_parts: usize, training: Training) -> Self {
-        let adam = Adam::with_betas(training.learning_rate, training.betas);
-        Self {
-            parts: vec![adam.clone(); n_parts],
-            shared: adam,
-        }
-    }
-
-    fn grow(&mut self, training: Training) {
-        self.parts
-            .push(Adam::with_betas(training.learning_rate, training.betas));
-    }
-
-    fn step<S: Module, P: Module>(
-        &mut self,
-        shared: S,
-        parts: Vec<P>,
-        loss_gradients: &mut Gradients,
-    ) -> (S, Vec<P>) {
-        let gradients = optimizer::gradients(&shared, loss_gradients);
-        let shared = self.shared.step_against(shared, &gradients);
-        let parts = parts.into_iter().zip(&mut self.parts).map(|(part, adam)| {
-            let gradients = optimizer::gradients(&part, loss_gradients);
-            adam.step_against(part, &gradients)
-        });
-        (shared, parts.collect())
-    }
-
-    fn store(&self, prefix: &str, file: &mut TensorFile) {
-        self.shared.store(&format!("{prefix}.shared"), file);
-        for (at, adam) in self.parts.iter().enumerate() {
-            adam.store(&format!("{prefix}.parts.{at}"), file);
-        }
-    }
-
-    fn restore(&mut self, prefix: &str, file: &TensorFile) -> Result<(), TensorFileError> {
-        self.shared.restore(&format!("{prefix}.shared"), file)?;
-        let mut parts = self.parts.iter_mut().enumerate();
-        parts.try_for_each(|(at, adam)| adam.restore(&format!("{prefix}.parts.{at}"), file))
-    }
+    (0..n * latent).map(|_| standard_normal(rng) as f32).collect()
 }
 
 #[cfg(test)]

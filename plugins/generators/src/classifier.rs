@@ -6,19 +6,15 @@
 //! Metrics, means over the batches since the last measurement: `cross_entropy`.
 
 use crate::feature_network::{FeatureNetwork, NetworkSizes};
-use burn::{
-    module::Module,
-    tensor::{Tensor, TensorData, activation::log_softmax},
-};
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Space, Transition, Updates,
 };
 use numerics::{
-    network::{device, matrix, values},
-    optimizer::{Adam, TrainedNetwork},
+    equations::state_file,
     tensor_file::{TensorFile, TensorFileError},
 };
+use plan::{Descent, Equations, Expression, Plans};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -53,8 +49,9 @@ impl contract::Config for Config {}
 /// The agent.
 #[derive(Debug, Clone)]
 pub struct ImageClassifier {
-    form: NetworkSizes,
-    network: TrainedNetwork<FeatureNetwork>,
+    network: FeatureNetwork,
+    learning: Plans,
+    learning_rate: f64,
     n_updates: u64,
 }
 
@@ -77,11 +74,9 @@ pub(crate) fn register(registry: &mut Registry) {
 fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let form = form(&config, interface)?;
     Ok(Box::new(ImageClassifier {
-        form,
-        network: TrainedNetwork::new(
-            FeatureNetwork::new(form, rng),
-            Adam::new(config.learning_rate, None),
-        ),
+        network: FeatureNetwork::new(form, rng),
+        learning: Plans::default(),
+        learning_rate: config.learning_rate,
         n_updates: 0,
     }))
 }
@@ -121,16 +116,22 @@ fn form(config: &Config, interface: &Interface) -> Result<NetworkSizes, Error> {
     })
 }
 
-impl ImageClassifier {
-    #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-    fn images<'a>(&self, observations: impl Iterator<Item = &'a Observation>) -> Tensor<4> {
-        let numbers: Vec<f32> = observations
-            .flat_map(|one| one.seats[0].iter().map(|number| *number as f32))
-            .collect();
-        let size = self.form.size;
-        let n = numbers.len() / crate::source::n_numbers(size);
-        Tensor::from_data(TensorData::new(numbers, [n, size, size, 3]), &device())
-    }
+/// The cross entropy of images and answers `[batch, classes]`, 1 for the right class and 0 for the others, that a caller
+/// writes as `images` and `answers`.
+fn cross_entropy(form: NetworkSizes, equations: &Equations, n_images: usize) -> Expression<'_> {
+    let images = form.images(equations, n_images);
+    let answers = equations.input("answers", [n_images, form.classes]);
+    equations.routine("update");
+    let logs = form.apply(images).logits.log_softmax();
+    (logs * answers).sum() * (-1.0 / n_images as f64)
+}
+
+/// Numbers of images that are seen, one after the other.
+#[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
+fn images<'a>(observations: impl Iterator<Item = &'a Observation>) -> Vec<f32> {
+    observations
+        .flat_map(|one| one.seats[0].iter().map(|number| *number as f32))
+        .collect()
 }
 
 fn error_of(error: TensorFileError) -> Error {
@@ -145,28 +146,33 @@ fn error_of(error: TensorFileError) -> Error {
 
 impl Agent for ImageClassifier {
     fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
-        let images = self.images(observations.iter());
-        let logits = values(self.network.network().valid().see(images).logits);
+        let NetworkSizes { size, classes, .. } = self.network.form();
+        let logits = self.network.see(&images(observations.iter()), size).logits;
         let largest = |row: &[f32]| {
             let better = |best: usize, at: usize| if row[at] > row[best] { at } else { best };
             (0..row.len()).fold(0, better)
         };
         #[allow(clippy::cast_precision_loss, reason = "few classes")]
         let said = |row: &[f32]| vec![vec![largest(row) as f64]];
-        Ok(logits.chunks_exact(self.form.classes).map(said).collect())
+        Ok(logits.chunks_exact(classes).map(said).collect())
     }
 
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let images = self.images(transitions.iter().map(|one| &one.observation));
+        let (form, rate, n) = (self.network.form(), self.learning_rate, transitions.len());
+        let plan = self.learning.of_rows(n, |equations| {
+            let loss = cross_entropy(form, equations, n);
+            equations.output("cross_entropy", loss);
+            let descent = Descent::adam("learning_rate", rate, None);
+            equations.descend(loss, &form.expressions(equations), &descent);
+        });
         let answers = transitions
             .iter()
             .flat_map(|one| one.observation.state.iter().map(|is| *is as f32));
-        let answers = Tensor::from_inner(matrix(answers.collect(), self.form.classes));
-        let logs = log_softmax(self.network.network().see(Tensor::from_inner(images)).logits, 1);
-        #[allow(clippy::cast_precision_loss, reason = "a batch is small")]
-        let loss = (logs * answers).sum() * (-1.0 / transitions.len() as f64);
-        let value = f64::from(values(loss.clone())[0]);
+        plan.write("answers", &answers.collect::<Vec<f32>>());
+        plan.write("images", &images(transitions.iter().map(|one| &one.observation)));
+        plan.run("update", &mut self.network.state);
+        let value = plan.number("cross_entropy");
         if !value.is_finite() {
             return Err(Error::NotFinite {
                 what: "cross_entropy".into(),
@@ -175,7 +181,6 @@ impl Agent for ImageClassifier {
             });
         }
         record.mean("cross_entropy", value);
-        self.network.descend(&loss);
         self.n_updates += 1;
         Ok(())
     }
@@ -194,13 +199,13 @@ impl Agent for ImageClassifier {
     fn save(&self, dir: &Path) -> Result<(), Error> {
         let mut file = TensorFile::default();
         file.header = json!({ "n_updates": self.n_updates });
-        self.network.store("network", &mut file);
+        state_file::store(&self.network.state, &mut file);
         file.write(&dir.join(STATE)).map_err(error_of)
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
         let file = TensorFile::read(&dir.join(STATE)).map_err(error_of)?;
-        self.network.restore("network", &file).map_err(error_of)?;
+        state_file::restore(&mut self.network.state, &file).map_err(error_of)?;
         self.n_updates = file.header["n_updates"]
             .as_u64()
             .ok_or_else(|| Error::Checkpoint {
@@ -211,20 +216,20 @@ impl Agent for ImageClassifier {
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        self.network.network().write(self.form, dir).map_err(error_of)?;
+        self.network.write(dir).map_err(error_of)?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        let (_, form) = FeatureNetwork::read(dir).map_err(error_of)?;
-        if form != self.form {
+        let read = FeatureNetwork::read(dir).map_err(error_of)?;
+        let (form, own) = (read.form(), self.network.form());
+        if form != own {
             return Err(Error::Checkpoint {
                 what: NAME,
-                problem: format!("the network is {form:?}, here {:?}", self.form),
+                problem: format!("the network is {form:?}, here {own:?}"),
             });
         }
-        let file = TensorFile::read(&dir.join(numerics::policy_file::FILE_NAME)).map_err(error_of)?;
-        self.network.restore_network("network", &file).map_err(error_of)?;
+        self.network.adopt(&read);
         Ok(true)
     }
 }
@@ -304,37 +309,77 @@ mod tests {
             channels: 2,
             classes: 10,
         };
-        let network = FeatureNetwork::new(form, &mut rng);
-        let agent = ImageClassifier {
-            form,
-            network: TrainedNetwork::new(network.clone(), Adam::new(1e-3, None)),
-            n_updates: 0,
-        };
+        let mut network = FeatureNetwork::new(form, &mut rng);
         let example = example(&mut *shows, &mut rng);
-        let loss = |network: &FeatureNetwork| {
-            let images = agent.images(std::iter::once(&example.observation));
-            let logs = log_softmax(network.see(Tensor::from_inner(images)).logits, 1);
-            let answer: Vec<f32> = example.observation.state.iter().map(|is| *is as f32).collect();
-            (logs * Tensor::from_inner(matrix(answer, 10))).sum().neg()
-        };
-        let found = numerics::optimizer::gradients(&network, &mut loss(&network).backward());
-        let all = numerics::parameters::parameters(&network);
-        for (at, parameter) in all.iter().enumerate() {
-            let entry = parameter.values.len() / 2;
-            let moved = |by: f32| {
-                let mut changed = all.clone();
-                changed[at].values[entry] += by;
-                let network = numerics::parameters::with_parameters(network.clone(), &changed).unwrap();
-                f64::from(values(loss(&network))[0])
+        let equations = Equations::new();
+        let loss = cross_entropy(form, &equations, 1);
+        equations.output("loss", loss);
+        let parameters = form.expressions(&equations);
+        for (at, gradient) in equations.gradients(loss, &parameters).into_iter().enumerate() {
+            equations.output(&format!("gradient {at}"), gradient * 1.0);
+        }
+        let mut plan = plan::Processor::<f32>::new(equations.into_graph());
+        plan.write("images", &images(std::iter::once(&example.observation)));
+        let answers: Vec<f32> = example.observation.state.iter().map(|is| *is as f32).collect();
+        plan.write("answers", &answers);
+        plan.run("update", &mut network.state);
+        let names: Vec<String> = network
+            .state
+            .tensors()
+            .map(|(name, ..)| name.to_owned())
+            .collect();
+        let found: Vec<Vec<f32>> = (0..names.len())
+            .map(|at| plan.entries(&format!("gradient {at}")).to_vec())
+            .collect();
+        for (name, found) in names.iter().zip(found) {
+            let entry = found.len() / 2;
+            let mut moved = |by: f32| {
+                let mut state = network.state.clone();
+                state.entries_mut(name)[entry] += by;
+                plan.run("update", &mut state);
+                plan.number("loss")
             };
             let expected = (moved(1e-2) - moved(-1e-2)) / 2e-2;
-            let gradient = f64::from(found[at][entry]);
+            let gradient = f64::from(found[entry]);
             assert!(
                 (gradient - expected).abs() < 5e-3,
-                "{}: {gradient} {expected}",
-                parameter.name
+                "{name}: {gradient} {expected}"
             );
         }
+    }
+
+    #[test]
+    fn a_stored_agent_continues_to_the_same_bits() {
+        let (mut shows, mut rng) = (shapes(), stream(&["stored"]));
+        let mut one = agent(&shows.interface());
+        let mut record = Recorder::default();
+        let batches: Vec<Vec<Transition>> = (0..4)
+            .map(|_| (0..8).map(|_| example(&mut *shows, &mut rng)).collect())
+            .collect();
+        for batch in &batches[..2] {
+            one.learn(batch, &mut rng, &mut record).unwrap();
+        }
+        let folder = tempfile::tempdir().unwrap();
+        one.save(folder.path()).unwrap();
+        let mut two = build(
+            Config {
+                channels: 8,
+                learning_rate: 3e-3,
+            },
+            &shows.interface(),
+            &mut stream(&["another"]),
+        )
+        .unwrap();
+        two.load(folder.path()).unwrap();
+        let mut left = |agent: &mut dyn Agent| {
+            for batch in &batches[2..] {
+                agent.learn(batch, &mut rng, &mut record).unwrap();
+            }
+            let folder = tempfile::tempdir().unwrap();
+            agent.export(folder.path()).unwrap();
+            std::fs::read(folder.path().join(numerics::policy_file::FILE_NAME)).unwrap()
+        };
+        assert_eq!(left(&mut *one), left(&mut *two));
     }
 
     #[test]

@@ -9,26 +9,26 @@
 //! - third and last: `conv(relu(conv(relu(x)))) + x`.
 
 use crate::generator::IMAGE_CHANNELS;
-use crate::layers::{Convolution, PassMode, SpectralLinear};
-use crate::memory::StatefulModule;
-use burn::module::Module;
-use burn::tensor::{Device, Tensor};
-use numerics::image::pointwise::relu;
-use numerics::image::resize::{average_pool, sum_pixels};
+use crate::image::Image;
+use crate::layers::{Convolution, Parameter, PassMode, SpectralLinear, Start};
+use plan::{Expression, State};
 use rand::RngCore;
 
-/// A discriminator with one block for each cell of its generator.
-#[derive(Module, Debug)]
+/// Beginning of the names of a discriminator's numbers.
+pub const PREFIX: &str = "discriminator";
+
+/// The form of a discriminator with one block for each cell of its generator. Its numbers are in a state.
+#[derive(Debug, Clone)]
 pub struct Discriminator {
-    pub(crate) ending: LastLayers,
-    pub(crate) blocks: Vec<Residual>,
-    #[module(skip)]
-    pub(crate) n_channels: usize,
+    ending: LastLayers,
+    blocks: Vec<Residual>,
+    n_channels: usize,
+    parameters: Vec<Parameter>,
 }
 
 /// The last block and the linear layer, which all stages share.
-#[derive(Module, Debug)]
-pub(crate) struct LastLayers {
+#[derive(Debug, Clone)]
+struct LastLayers {
     block: Residual,
     linear: SpectralLinear,
 }
@@ -45,92 +45,100 @@ enum BlockKind {
 }
 
 /// Two convolutions with a shortcut.
-#[derive(Module, Debug)]
-pub(crate) struct Residual {
+#[derive(Debug, Clone)]
+struct Residual {
     first: Convolution,
     second: Convolution,
     shortcut: Option<Convolution>,
-    #[module(skip)]
     kind: BlockKind,
 }
 
 impl Discriminator {
-    /// The last block and the linear layer, for maps with `n_channels`; it must grow at least once before use.
-    pub fn new(n_channels: usize, rng: &mut impl RngCore, device: &Device) -> Self {
+    /// The last block and the linear layer, for maps with `n_channels`, whose numbers are added to a state; it must
+    /// grow at least once before use.
+    pub fn new(n_channels: usize, state: &mut State<f32>, rng: &mut impl RngCore) -> Self {
+        let mut parameters = Vec::new();
+        let start = &mut Start {
+            state,
+            rng,
+            parameters: &mut parameters,
+        };
+        let name = |part: &str| format!("{PREFIX}.ending.{part}");
         let ending = LastLayers {
-            block: Residual::new(BlockKind::Keeping, n_channels, rng, device),
-            linear: SpectralLinear::new([n_channels, 1], rng, device),
+            block: Residual::new(name("block"), BlockKind::Keeping, n_channels, start),
+            linear: SpectralLinear::new(name("linear"), [n_channels, 1], start),
         };
         Self {
             ending,
             blocks: Vec::new(),
             n_channels,
+            parameters,
         }
     }
 
     /// Adds a block before the last one; the other parts keep their numbers.
-    pub fn grow(&mut self, rng: &mut impl RngCore, device: &Device) {
+    pub fn grow(&mut self, state: &mut State<f32>, rng: &mut impl RngCore) {
         let kind = match self.blocks.len() {
             0 => BlockKind::First,
             1 => BlockKind::Halving,
             _ => BlockKind::Keeping,
         };
+        let start = &mut Start {
+            state,
+            rng,
+            parameters: &mut self.parameters,
+        };
+        let name = format!("{PREFIX}.blocks.{}", self.blocks.len());
         self.blocks
-            .push(Residual::new(kind, self.n_channels, rng, device));
+            .push(Residual::new(name, kind, self.n_channels, start));
     }
 
-    /// Scores `[batch, 1]` of images `[batch, side, side, 3]`.
-    pub fn forward(&mut self, images: Tensor<4>, pass: PassMode) -> Tensor<2> {
-        let blocks = self.blocks.iter_mut().chain([&mut self.ending.block]);
-        let map = relu(blocks.fold(images, |map, block| block.forward(map, pass)));
-        let scores = self.ending.linear.forward(sum_pixels(map), pass);
-        scores.flatten(1, 3)
+    /// Trained parameters: those of the last layers, and block after block.
+    #[must_use]
+    pub fn parameters(&self) -> &[Parameter] {
+        &self.parameters
     }
-}
 
-impl StatefulModule for Discriminator {
-    fn state_vectors(&mut self) -> Vec<&mut Vec<f32>> {
-        let LastLayers { block, linear } = &mut self.ending;
-        let blocks = self.blocks.iter_mut().chain([block]);
-        let convolutions = blocks.flat_map(|block| {
-            let both = [&mut block.first, &mut block.second];
-            both.into_iter().chain(block.shortcut.as_mut())
-        });
-        let of_convolutions = convolutions.flat_map(StatefulModule::state_vectors);
-        of_convolutions.chain(linear.state_vectors()).collect()
+    /// Scores `[batch, 1]` of images with 3 channels.
+    #[must_use]
+    pub fn apply<'e>(&self, images: Image<'e>, pass: PassMode) -> Expression<'e> {
+        let blocks = self.blocks.iter().chain([&self.ending.block]);
+        let map = blocks.fold(images, |map, block| block.apply(map, pass)).relu();
+        self.ending.linear.apply(map.sum_pixels(), pass)
     }
 }
 
 impl Residual {
-    fn new(kind: BlockKind, n_channels: usize, rng: &mut impl RngCore, device: &Device) -> Self {
+    fn new(name: String, kind: BlockKind, n_channels: usize, start: &mut Start<'_>) -> Self {
         let n_inputs = if kind == BlockKind::First {
             IMAGE_CHANNELS
         } else {
             n_channels
         };
-        let mut convolution =
-            |side, n_inputs| Convolution::spectral(side, [n_inputs, n_channels], rng, device);
+        let mut convolution = |part: &str, side, n_inputs| {
+            Convolution::spectral(format!("{name}.{part}"), side, [n_inputs, n_channels], start)
+        };
         Self {
-            first: convolution(3, n_inputs),
-            second: convolution(3, n_channels),
-            shortcut: (kind != BlockKind::Keeping).then(|| convolution(1, n_inputs)),
+            first: convolution("first", 3, n_inputs),
+            second: convolution("second", 3, n_channels),
+            shortcut: (kind != BlockKind::Keeping).then(|| convolution("shortcut", 1, n_inputs)),
             kind,
         }
     }
 
-    fn forward(&mut self, input: Tensor<4>, pass: PassMode) -> Tensor<4> {
+    fn apply<'e>(&self, input: Image<'e>, pass: PassMode) -> Image<'e> {
         let rectified = if self.kind == BlockKind::First {
-            input.clone()
+            input
         } else {
-            relu(input.clone())
+            input.relu()
         };
-        let hidden = relu(self.first.forward(rectified, pass));
-        let residual = self.second.forward(hidden, pass);
-        match (&mut self.shortcut, self.kind) {
+        let hidden = self.first.apply(rectified, pass).relu();
+        let residual = self.second.apply(hidden, pass);
+        match (&self.shortcut, self.kind) {
             (Some(shortcut), BlockKind::First) => {
-                average_pool(residual) + shortcut.forward(average_pool(input), pass)
+                residual.average_pool() + shortcut.apply(input.average_pool(), pass)
             }
-            (Some(shortcut), _) => average_pool(residual) + average_pool(shortcut.forward(input, pass)),
+            (Some(shortcut), _) => residual.average_pool() + shortcut.apply(input, pass).average_pool(),
             (None, _) => residual + input,
         }
     }

@@ -14,12 +14,9 @@
 //! rectifier, upsampling and convolution. Every map has the same number of channels.
 
 use crate::architecture::{CellArchitecture, Normalisation, Order};
-use crate::layers::{Convolution, Enlargement, NormRelu, PassMode, Stem};
-use crate::memory::StatefulModule;
-use burn::module::Module;
-use burn::tensor::{Device, Tensor};
-use numerics::image::{pointwise, resize};
-use numerics::network::values;
+use crate::image::Image;
+use crate::layers::{Convolution, Enlargement, NormRelu, Parameter, PassMode, Start, Stem};
+use plan::{Expression, Plans, State};
 use rand::RngCore;
 
 /// Channels of an image.
@@ -36,57 +33,72 @@ pub struct GeneratorSizes {
     pub latent: usize,
 }
 
-/// A generator with the cells by which it has grown.
-#[derive(Module, Debug)]
+/// The form of a generator, with the cells by which it has grown. Its numbers are in a state.
+#[derive(Debug, Clone)]
 pub struct Generator {
-    pub(crate) trunk: Trunk,
-    pub(crate) cells: Vec<Cell>,
-    #[module(skip)]
-    pub(crate) sizes: GeneratorSizes,
+    trunk: Trunk,
+    cells: Vec<Cell>,
+    sizes: GeneratorSizes,
+    parameters: Vec<Parameter>,
 }
 
+/// Beginning of the names of a generator's numbers.
+pub const PREFIX: &str = "generator";
+
 /// The stem and the head, which all stages share.
-#[derive(Module, Debug)]
-pub(crate) struct Trunk {
+#[derive(Debug, Clone)]
+struct Trunk {
     stem: Stem,
     norm: NormRelu,
     head: Convolution,
 }
 
-/// Images and last map of a batch of latent vectors.
-#[derive(Debug, Clone)]
-pub struct GeneratedBatch {
-    /// Images `[batch, side, side, 3]` between -1 and 1.
-    pub images: Tensor<4>,
-    /// The map of the last cell `[batch, side, side, channels]`, or of the stem where there is none.
-    pub map: Tensor<4>,
+/// Images and last map of latent vectors, in equations.
+#[derive(Debug, Clone, Copy)]
+pub struct Generated<'e> {
+    /// Images between -1 and 1.
+    pub images: Image<'e>,
+    /// The map of the last cell, or of the stem where there is none.
+    pub map: Image<'e>,
 }
 
 impl Generator {
-    /// A stem and a head without cells.
-    pub fn new(sizes: GeneratorSizes, rng: &mut impl RngCore, device: &Device) -> Self {
+    /// A stem and a head without cells, whose numbers are added to a state.
+    pub fn new(sizes: GeneratorSizes, state: &mut State<f32>, rng: &mut impl RngCore) -> Self {
         let GeneratorSizes {
             bottom,
             channels,
             latent,
         } = sizes;
+        let mut parameters = Vec::new();
+        let start = &mut Start {
+            state,
+            rng,
+            parameters: &mut parameters,
+        };
+        let name = |part: &str| format!("{PREFIX}.trunk.{part}");
         let trunk = Trunk {
-            stem: Stem::new(latent, [bottom, bottom, channels], rng, device),
-            norm: NormRelu::new(Normalisation::Batch, channels, rng, device),
-            head: Convolution::new(3, [channels, IMAGE_CHANNELS], rng, device),
+            stem: Stem::new(name("stem"), latent, [bottom, bottom, channels], start),
+            norm: NormRelu::new(name("norm"), Normalisation::Batch, channels, start),
+            head: Convolution::new(name("head"), 3, [channels, IMAGE_CHANNELS], start),
         };
         Self {
             trunk,
             cells: Vec::new(),
             sizes,
+            parameters,
         }
     }
 
     /// Adds a cell; the other parts keep their numbers.
-    pub fn grow(&mut self, architecture: &CellArchitecture, rng: &mut impl RngCore, device: &Device) {
-        let at = self.cells.len();
-        self.cells
-            .push(Cell::new(architecture, at, self.sizes.channels, rng, device));
+    pub fn grow(&mut self, architecture: &CellArchitecture, state: &mut State<f32>, rng: &mut impl RngCore) {
+        let start = &mut Start {
+            state,
+            rng,
+            parameters: &mut self.parameters,
+        };
+        let cell = Cell::new(architecture, self.cells.len(), self.sizes.channels, start);
+        self.cells.push(cell);
     }
 
     /// Number of cells so far.
@@ -107,77 +119,107 @@ impl Generator {
         self.sizes
     }
 
+    /// Trained parameters: those of the stem, the head, and cell after cell.
+    #[must_use]
+    pub fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
     /// Images and last map of latent vectors `[batch, latent]`.
-    pub fn forward(&mut self, latents: Tensor<2>, pass: PassMode) -> GeneratedBatch {
-        let mut map = self.trunk.stem.forward(latents);
+    #[must_use]
+    pub fn apply<'e>(&self, latents: Expression<'e>, pass: PassMode) -> Generated<'e> {
+        let mut map = self.trunk.stem.apply(latents);
         let mut skip_outputs = Vec::new();
-        for cell in &mut self.cells {
-            let (skip_output, output) = cell.forward(map, &skip_outputs, pass);
+        for cell in &self.cells {
+            let (skip_output, output) = cell.apply(map, &skip_outputs, pass);
             skip_outputs.push(skip_output);
             map = output;
         }
-        let rectified = self.trunk.norm.forward(map.clone(), pass);
-        GeneratedBatch {
-            images: pointwise::tanh(self.trunk.head.forward(rectified, pass)),
+        let rectified = self.trunk.norm.apply(map, pass);
+        Generated {
+            images: self.trunk.head.apply(rectified, pass).tanh(),
             map,
         }
     }
-
-    /// As [`Generator::forward`] in evaluation: running statistics stay unchanged.
-    #[must_use]
-    pub fn evaluate(&self, latents: Tensor<2>) -> GeneratedBatch {
-        self.clone().forward(latents, PassMode::Evaluation)
-    }
 }
 
-impl GeneratedBatch {
-    /// The mean over the batch of the map resized to one pixel, `[channels]`: for a map with even sides the
-    /// mean of its four central pixels.
+/// The mean over the batch of maps resized to one pixel, `[1, channels]`: for a map with even sides the mean of its
+/// four central pixels.
+#[must_use]
+pub fn central_features(map: Image<'_>) -> Expression<'_> {
+    map.resize_bilinear([1, 1]).pixels.mean_rows()
+}
+
+/// A generator with its numbers, for evaluation: running statistics stay unchanged.
+#[derive(Debug, Clone)]
+pub struct FinishedGenerator {
+    generator: Generator,
+    state: State<f32>,
+    plans: Plans,
+}
+
+/// Images of a batch of latent vectors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GeneratedBatch {
+    /// Images `[batch, side, side, 3]` between -1 and 1.
+    pub images: Vec<f32>,
+    /// Mean over the batch of the last map's central pixels, `[channels]`; see [`central_features`].
+    pub central_features: Vec<f32>,
+}
+
+impl FinishedGenerator {
+    /// A generator whose numbers are in a state.
     #[must_use]
-    #[allow(
-        clippy::cast_precision_loss,
-        reason = "a batch has far fewer than 2^24 images"
-    )]
-    pub fn central_features(&self) -> Vec<f32> {
-        let [n_images, .., n_channels] = self.map.dims();
-        let centres = values(resize::resize_bilinear(self.map.clone(), [1, 1]));
-        let mut features = vec![0.0; n_channels];
-        for centre in centres.chunks_exact(n_channels) {
-            let pairs = features.iter_mut().zip(centre);
-            pairs.for_each(|(feature, x)| *feature += x / n_images as f32);
+    pub fn new(generator: Generator, state: State<f32>) -> Self {
+        Self {
+            generator,
+            state,
+            plans: Plans::default(),
         }
-        features
     }
-}
 
-impl StatefulModule for Generator {
-    fn state_vectors(&mut self) -> Vec<&mut Vec<f32>> {
-        let cells = self
-            .cells
-            .iter_mut()
-            .flat_map(|cell| [&mut cell.first, &mut cell.second]);
-        let norms = cells.map(|block| &mut block.norm);
-        norms
-            .chain([&mut self.trunk.norm])
-            .flat_map(StatefulModule::state_vectors)
-            .collect()
+    /// Height and width of the images, pixels.
+    #[must_use]
+    pub fn side(&self) -> usize {
+        self.generator.side()
+    }
+
+    /// Images of latent vectors `[batch, latent]`.
+    ///
+    /// # Panics
+    /// Where the numbers are no whole number of latent vectors.
+    pub fn evaluate(&mut self, latents: &[f32]) -> GeneratedBatch {
+        let (generator, n_latent) = (&self.generator, self.generator.sizes.latent);
+        let plan = self.plans.of_rows(latents.len() / n_latent, |equations| {
+            let latents = equations.input("latents", [latents.len() / n_latent, n_latent]);
+            equations.routine("evaluate");
+            let Generated { images, map } = generator.apply(latents, PassMode::Evaluation);
+            equations.output("images", images.pixels);
+            equations.output("central_features", central_features(map));
+        });
+        plan.write("latents", latents);
+        plan.run("evaluate", &mut self.state);
+        let read = |name: &str| plan.entries(name).to_vec();
+        GeneratedBatch {
+            images: read("images"),
+            central_features: read("central_features"),
+        }
     }
 }
 
 /// One cell of a generator.
-#[derive(Module, Debug)]
-pub(crate) struct Cell {
+#[derive(Debug, Clone)]
+struct Cell {
     first: Block,
     second: Block,
     shortcut: Option<SideBranch>,
     skips: Vec<SideBranch>,
     /// The earlier cell of each skip.
-    #[module(skip)]
     from: Vec<usize>,
 }
 
 /// A branch beside the blocks: enlargement and convolution 1x1.
-#[derive(Module, Debug)]
+#[derive(Debug, Clone)]
 struct SideBranch {
     enlargement: Enlargement,
     convolution: Convolution,
@@ -185,104 +227,111 @@ struct SideBranch {
 
 impl Cell {
     /// Cell number `at` of a generator, counted from 0.
-    pub(crate) fn new(
-        architecture: &CellArchitecture,
-        at: usize,
-        n_channels: usize,
-        rng: &mut impl RngCore,
-        device: &Device,
-    ) -> Self {
-        let upsampling = architecture.upsampling;
-        let first = Block::new(architecture, true, n_channels, rng, device);
-        let second = Block::new(architecture, false, n_channels, rng, device);
-        let mut side = |doublings: usize| SideBranch {
-            enlargement: Enlargement::new(upsampling, 1 << doublings, n_channels, rng, device),
-            convolution: Convolution::new(1, [n_channels; 2], rng, device),
+    fn new(architecture: &CellArchitecture, at: usize, n_channels: usize, start: &mut Start<'_>) -> Self {
+        let (upsampling, name) = (architecture.upsampling, format!("{PREFIX}.cells.{at}"));
+        let first = Block::new(format!("{name}.first"), architecture, true, n_channels, start);
+        let second = Block::new(format!("{name}.second"), architecture, false, n_channels, start);
+        let mut side = |part: String, doublings: usize| {
+            let name = |layer: &str| format!("{name}.{part}.{layer}");
+            SideBranch {
+                enlargement: Enlargement::new(
+                    name("enlargement"),
+                    upsampling,
+                    1 << doublings,
+                    n_channels,
+                    start,
+                ),
+                convolution: Convolution::new(name("convolution"), 1, [n_channels; 2], start),
+            }
         };
-        let shortcut = architecture.shortcut.then(|| side(1));
+        let shortcut = architecture.shortcut.then(|| side("shortcut".into(), 1));
         let chosen = architecture.skips.iter().take(at).enumerate();
         let from: Vec<usize> = chosen
             .filter(|(_, skip)| **skip)
             .map(|(earlier, _)| earlier)
             .collect();
+        let skips = from.iter().enumerate();
+        let skips = skips
+            .map(|(place, earlier)| side(format!("skips.{place}"), at - earlier))
+            .collect();
         Self {
             first,
             second,
             shortcut,
-            skips: from.iter().map(|earlier| side(at - earlier)).collect(),
+            skips,
             from,
         }
     }
 
     /// The cell's skip output and its output.
-    fn forward(
-        &mut self,
-        input: Tensor<4>,
-        skip_outputs: &[Tensor<4>],
+    fn apply<'e>(
+        &self,
+        input: Image<'e>,
+        skip_outputs: &[Image<'e>],
         pass: PassMode,
-    ) -> (Tensor<4>, Tensor<4>) {
-        let mut hidden = self.first.forward(input.clone(), pass);
-        for (skip, from) in self.skips.iter_mut().zip(&self.from) {
-            hidden = hidden + skip.forward(skip_outputs[*from].clone(), pass);
+    ) -> (Image<'e>, Image<'e>) {
+        let mut hidden = self.first.apply(input, pass);
+        for (skip, from) in self.skips.iter().zip(&self.from) {
+            hidden = hidden + skip.apply(skip_outputs[*from], pass);
         }
-        let mut output = self.second.forward(hidden.clone(), pass);
-        if let Some(shortcut) = &mut self.shortcut {
-            output = output + shortcut.forward(input, pass);
+        let mut output = self.second.apply(hidden, pass);
+        if let Some(shortcut) = &self.shortcut {
+            output = output + shortcut.apply(input, pass);
         }
         (hidden, output)
     }
 }
 
 impl SideBranch {
-    fn forward(&mut self, map: Tensor<4>, pass: PassMode) -> Tensor<4> {
-        self.convolution.forward(self.enlargement.forward(map), pass)
+    fn apply<'e>(&self, map: Image<'e>, pass: PassMode) -> Image<'e> {
+        self.convolution.apply(self.enlargement.apply(map), pass)
     }
 }
 
 /// Convolution, normalisation and rectifier, in the order of the architecture.
-#[derive(Module, Debug)]
-pub(crate) struct Block {
+#[derive(Debug, Clone)]
+struct Block {
     enlargement: Option<Enlargement>,
     convolution: Convolution,
     norm: NormRelu,
-    #[module(skip)]
     order: Order,
 }
 
 impl Block {
     /// A block that doubles the sides where `enlarges` is set.
-    pub(crate) fn new(
+    fn new(
+        name: String,
         architecture: &CellArchitecture,
         enlarges: bool,
         n_channels: usize,
-        rng: &mut impl RngCore,
-        device: &Device,
+        start: &mut Start<'_>,
     ) -> Self {
         let kind = architecture.upsampling;
+        let part = |part: &str| format!("{name}.{part}");
         Self {
-            enlargement: enlarges.then(|| Enlargement::new(kind, 2, n_channels, rng, device)),
-            convolution: Convolution::new(3, [n_channels; 2], rng, device),
-            norm: NormRelu::new(architecture.normalisation, n_channels, rng, device),
+            enlargement: enlarges.then(|| Enlargement::new(part("enlargement"), kind, 2, n_channels, start)),
+            convolution: Convolution::new(part("convolution"), 3, [n_channels; 2], start),
+            norm: NormRelu::new(part("norm"), architecture.normalisation, n_channels, start),
             order: architecture.order,
         }
     }
 
-    pub(crate) fn forward(&mut self, map: Tensor<4>, pass: PassMode) -> Tensor<4> {
+    fn apply<'e>(&self, map: Image<'e>, pass: PassMode) -> Image<'e> {
         match self.order {
             Order::ConvolutionFirst => {
-                let map = self.convolution.forward(self.enlarged(map), pass);
-                self.norm.forward(map, pass)
+                let map = self.convolution.apply(self.enlarged(map), pass);
+                self.norm.apply(map, pass)
             }
             Order::NormalisationFirst => {
-                let map = self.norm.forward(map, pass);
-                self.convolution.forward(self.enlarged(map), pass)
+                let map = self.norm.apply(map, pass);
+                self.convolution.apply(self.enlarged(map), pass)
             }
         }
     }
 
-    fn enlarged(&self, map: Tensor<4>) -> Tensor<4> {
+    fn enlarged<'e>(&self, map: Image<'e>) -> Image<'e> {
         match &self.enlargement {
-            Some(enlargement) => enlargement.forward(map),
+            Some(enlargement) => enlargement.apply(map),
             None => map,
         }
     }

@@ -9,14 +9,14 @@
 //!
 //! | part | output | difference from other networks of this name |
 //! |---|---|---|
-//! | bilinear resize to 299 x 299, centres of pixels at halves (`align_corners=False`) | `[batch, 3, 299, 299]` | |
-//! | stem: 3x3 of stride 2, 3x3, 3x3, largest of 3x3; 1x1, 3x3, largest of 3x3 | `[batch, 192, 35, 35]` | |
-//! | A, three times: `Mixed_5b` to `5d` | `[batch, 288, 35, 35]` | means leave out the padding |
-//! | B: `Mixed_6a` | `[batch, 768, 17, 17]` | |
-//! | C, four times: `Mixed_6b` to `6e` | `[batch, 768, 17, 17]` | means leave out the padding |
-//! | D: `Mixed_7a` | `[batch, 1280, 8, 8]` | |
-//! | E: `Mixed_7b` | `[batch, 2048, 8, 8]` | means leave out the padding |
-//! | E: `Mixed_7c` | `[batch, 2048, 8, 8]` | largest of 3x3 in place of the mean |
+//! | bilinear resize to 299 x 299, centres of pixels at halves (`align_corners=False`) | `[batch, 299, 299, 3]` | |
+//! | stem: 3x3 of stride 2, 3x3, 3x3, largest of 3x3; 1x1, 3x3, largest of 3x3 | `[batch, 35, 35, 192]` | |
+//! | A, three times: `Mixed_5b` to `5d` | `[batch, 35, 35, 288]` | means leave out the padding |
+//! | B: `Mixed_6a` | `[batch, 17, 17, 768]` | |
+//! | C, four times: `Mixed_6b` to `6e` | `[batch, 17, 17, 768]` | means leave out the padding |
+//! | D: `Mixed_7a` | `[batch, 8, 8, 1280]` | |
+//! | E: `Mixed_7b` | `[batch, 8, 8, 2048]` | means leave out the padding |
+//! | E: `Mixed_7c` | `[batch, 8, 8, 2048]` | largest of 3x3 in place of the mean |
 //! | mean over all pixels: the *features* (`pool3`) | `[batch, 2048]` | |
 //! | features times `fc.weight`: the *logits* | `[batch, 1008]` | no bias; 1008 classes, 8 of them unused |
 //!
@@ -30,19 +30,19 @@
 //! 299 x 299 differ slightly. And it takes bytes as `(byte - 128) / 128` where [-1, 1] is `byte / 127.5 - 1`.
 //! Published code scores bytes, so a comparison rounds images to bytes first.
 //!
-//! Convolutions are `burn`'s, whose matrix products are summed in blocks that follow the caches of the
-//! processor: features are the same bits for any number of workers, and equal up to rounding on another kind of
-//! processor.
+//! The network is only evaluated, so its layers are computed one after the other, without a plan. Maps are
+//! `[batch, height, width, channels]`, channels last; weights are laid out for the loops of the convolutions when they
+//! are read. Features have the same bits on every processor.
 
+mod maps;
 mod plan;
 mod weights;
 
-use burn::tensor::activation::relu;
-use burn::tensor::module::{avg_pool2d, conv2d, max_pool2d};
-use burn::tensor::ops::{AvgPoolOptions, ConvOptions, MaxPoolOptions};
-use burn::tensor::{Tensor, TensorData};
-use numerics::image::resize::resize_bilinear;
-use numerics::network::device;
+use crate::feature_network::ImageFeatures;
+use crate::image::direct_convolution::{Sizes, convolve, pack};
+use crate::image::resize::bilinear;
+use crate::images::CHANNELS;
+use maps::Maps;
 use plan::{BlockPlan, BranchPlan, LayerPlan, Pool};
 use std::path::Path;
 use weights::{Lookup, WeightFile};
@@ -56,12 +56,12 @@ pub const FEATURES: usize = 2048;
 /// Number of classes, 1000 of them those of `ImageNet`.
 pub const CLASSES: usize = 1008;
 
-/// The network, without gradients.
+/// The network.
 #[derive(Debug)]
 pub struct Inception {
     blocks: Vec<Block>,
-    /// `[features, classes]`.
-    last: Tensor<2>,
+    /// Logits of features.
+    last: Convolution,
 }
 
 impl Inception {
@@ -76,53 +76,51 @@ impl Inception {
     }
 
     fn from_weights(lookup: Lookup) -> Result<Self, InceptionError> {
-        let mut channels = crate::images::CHANNELS;
+        let mut channels = CHANNELS;
         let mut blocks = Vec::new();
         for plan in plan::network() {
             blocks.push(Block::new(&plan, channels, lookup)?);
             channels = plan.outputs(channels);
         }
         let last = lookup("fc.weight", &[CLASSES, channels])?;
-        let last = Tensor::<2>::from_data(TensorData::new(last, [CLASSES, channels]), &device());
+        let sizes = Sizes {
+            n_images: 1,
+            height: 1,
+            width: 1,
+            n_inputs: channels,
+            n_outputs: CLASSES,
+            kernel: [1, 1],
+            stride: 1,
+            padding: [0, 0],
+        };
         Ok(Self {
             blocks,
-            last: last.transpose(),
+            last: Convolution::packed(&last, &[0.0; CLASSES], sizes),
         })
     }
 
     /// Features `[batch, 2048]` and logits `[batch, 1008]` of `images` `[batch, height, width, 3]` in [-1, 1],
-    /// of any size. No gradients flow back to the images.
+    /// of any size.
     ///
     /// A batch takes about 15 MB of memory per image.
+    ///
+    /// # Panics
+    /// Where the numbers are no whole number of images.
     #[must_use]
-    pub fn see(&self, images: Tensor<4>) -> (Tensor<2>, Tensor<2>) {
-        let features = means(self.blocks.iter().fold(planes(images), |x, block| block.see(x)));
-        (features.clone(), features.matmul(self.last.clone()))
+    pub fn see(&self, images: &[f32], [height, width]: [usize; 2]) -> ImageFeatures {
+        let images = if [height, width] == [SIZE; 2] {
+            images.to_vec()
+        } else {
+            bilinear(images, CHANNELS, [height, width], [SIZE; 2])
+        };
+        let images = Maps::new(images, [SIZE, SIZE, CHANNELS]);
+        let means = self.blocks.iter().fold(images, |x, block| block.see(&x)).means();
+        let logits = self.last.convolved(&means).entries;
+        ImageFeatures {
+            features: means.entries,
+            logits,
+        }
     }
-}
-
-/// `[batch, 3, 299, 299]`.
-fn planes(images: Tensor<4>) -> Tensor<4> {
-    let images = if images.is_autodiff() {
-        images.inner()
-    } else {
-        images
-    };
-    let [_, height, width, _] = images.dims();
-    let images = if [height, width] == [SIZE; 2] {
-        images
-    } else {
-        resize_bilinear(images, [SIZE; 2])
-    };
-    images.permute([0, 3, 1, 2])
-}
-
-/// `[batch, channels]` from `[batch, channels, height, width]`.
-fn means(x: Tensor<4>) -> Tensor<2> {
-    let [batch, channels, height, width] = x.dims();
-    x.reshape([batch, channels, height * width])
-        .mean_dim(2)
-        .reshape([batch, channels])
 }
 
 /// Branches with the same input; their outputs are concatenated along the channels.
@@ -142,11 +140,10 @@ struct Branch {
 /// A convolution with its normalisation folded in, followed by a rectifier.
 #[derive(Debug)]
 struct Convolution {
-    /// `[outputs, inputs, height, width]`.
-    weight: Tensor<4>,
-    /// `[outputs]`.
-    bias: Tensor<1>,
-    options: ConvOptions<2>,
+    /// Weight and bias, laid out for the loops.
+    panels: Vec<f32>,
+    /// Sizes, but for those of the images.
+    sizes: Sizes,
 }
 
 impl Block {
@@ -158,10 +155,9 @@ impl Block {
         })
     }
 
-    /// `[batch, channels, height, width]` in and out.
-    fn see(&self, x: Tensor<4>) -> Tensor<4> {
-        let outputs = self.branches.iter().flat_map(|branch| branch.see(x.clone()));
-        Tensor::cat(outputs.collect(), 1)
+    fn see(&self, x: &Maps) -> Maps {
+        let outputs: Vec<Maps> = self.branches.iter().flat_map(|branch| branch.see(x)).collect();
+        Maps::joined(&outputs)
     }
 }
 
@@ -182,17 +178,18 @@ impl Branch {
         })
     }
 
-    fn see(&self, x: Tensor<4>) -> Vec<Tensor<4>> {
-        let x = match self.pool {
-            None => x,
-            Some(pool) => pool_3x3(x, pool),
-        };
-        let x = self.chain.iter().fold(x, |x, convolution| convolution.see(x));
+    fn see(&self, x: &Maps) -> Vec<Maps> {
+        let pooled = self.pool.map(|pool| x.pooled(pool));
+        let first = pooled.as_ref().unwrap_or(x);
+        let mut layers = self.chain.iter();
+        let x = layers
+            .next()
+            .map_or_else(|| first.clone(), |layer| layer.see(first));
+        let x = layers.fold(x, |x, layer| layer.see(&x));
         if self.fork.is_empty() {
             return vec![x];
         }
-        let fork = self.fork.iter();
-        fork.map(|convolution| convolution.see(x.clone())).collect()
+        self.fork.iter().map(|layer| layer.see(&x)).collect()
     }
 }
 
@@ -200,33 +197,62 @@ impl Convolution {
     fn new(block: &str, plan: &LayerPlan, inputs: usize, lookup: Lookup) -> Result<Self, InceptionError> {
         let shape = [plan.outputs, inputs, plan.kernel[0], plan.kernel[1]];
         let (weight, bias) = weights::folded(&plan.name_in(block), shape, lookup)?;
-        Ok(Self {
-            weight: Tensor::from_data(TensorData::new(weight, shape), &device()),
-            bias: Tensor::from_data(TensorData::new(bias, [plan.outputs]), &device()),
-            options: ConvOptions::new([plan.stride; 2], plan.padding, [1, 1], 1),
-        })
+        let sizes = Sizes {
+            n_images: 1,
+            height: plan.kernel[0],
+            width: plan.kernel[1],
+            n_inputs: inputs,
+            n_outputs: plan.outputs,
+            kernel: plan.kernel,
+            stride: plan.stride,
+            padding: plan.padding,
+        };
+        Ok(Self::packed(&weight, &bias, sizes))
     }
 
-    fn see(&self, x: Tensor<4>) -> Tensor<4> {
-        relu(conv2d(
-            x,
-            self.weight.clone(),
-            Some(self.bias.clone()),
-            self.options.clone(),
-        ))
-    }
-}
-
-/// Pooling over squares of 3x3 pixels.
-fn pool_3x3(x: Tensor<4>, pool: Pool) -> Tensor<4> {
-    let largest = MaxPoolOptions::new([3, 3]);
-    match pool {
-        Pool::Mean => {
-            let mean = AvgPoolOptions::new([3, 3]).with_stride([1, 1]);
-            avg_pool2d(x, mean.with_padding([1, 1]).with_count_include_pad(false))
+    /// A convolution with a weight `[outputs, inputs, height, width]`.
+    fn packed(weight: &[f32], bias: &[f32], sizes: Sizes) -> Self {
+        let (n_inputs, n_outputs) = (sizes.n_inputs, sizes.n_outputs);
+        let n_places = sizes.kernel[0] * sizes.kernel[1];
+        // To `[height, width, inputs, outputs]`.
+        let mut turned = vec![0.0; weight.len()];
+        for (at, w) in weight.iter().enumerate() {
+            let (output, input, place) = (at / n_places / n_inputs, at / n_places % n_inputs, at % n_places);
+            turned[(place * n_inputs + input) * n_outputs + output] = *w;
         }
-        Pool::Largest => max_pool2d(x, largest.with_stride([1, 1]).with_padding([1, 1])),
-        Pool::LargestOfEverySecond => max_pool2d(x, largest.with_stride([2, 2])),
+        let mut panels = vec![0.0; sizes.panels()];
+        pack(&turned, bias, &sizes, &mut panels);
+        Self { panels, sizes }
+    }
+
+    fn see(&self, x: &Maps) -> Maps {
+        let mut y = self.convolved(x);
+        for entry in &mut y.entries {
+            *entry = entry.max(0.0);
+        }
+        y
+    }
+
+    fn convolved(&self, x: &Maps) -> Maps {
+        let [height, width, _] = x.shape;
+        let sizes = Sizes {
+            n_images: x.n_images(),
+            height,
+            width,
+            ..self.sizes
+        };
+        let [rows, columns] = sizes.result();
+        let mut output = vec![0.0; sizes.n_result_pixels() * sizes.n_outputs];
+        let frames = &mut vec![0.0; sizes.frames()];
+        convolve(
+            &x.entries,
+            &self.panels,
+            &sizes,
+            &sizes.starts(),
+            &mut output,
+            frames,
+        );
+        Maps::new(output, [rows, columns, sizes.n_outputs])
     }
 }
 

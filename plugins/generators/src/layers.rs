@@ -5,19 +5,20 @@
 //! uniform in `+-1 / sqrt(n)`, like PyTorch's: `n` numbers enter an output, for a deconvolution 4 times its
 //! outputs. Weights of batch normalisation are normal with mean 1 and standard deviation 0.02.
 //!
-//! The state of a layer beside its parameters (singular vectors, running statistics) is plain numbers, of which
-//! each copy has its own.
+//! A layer is a name and its sizes. Its numbers are in a state, under names that begin with its own:
+//!
+//! | name | content | shape |
+//! |---|---|---|
+//! | `LAYER.weight`, `LAYER.bias` | parameters | see each layer |
+//! | `LAYER.u`, `LAYER.v` | singular vectors of a weight | `[outputs, 1]`, `[rows, 1]` |
+//! | `LAYER.running` | running means, then variances | `[1, 2 channels]` |
 
 use crate::architecture::{Normalisation, Upsampling};
-use crate::memory::StatefulModule;
-use burn::module::{Module, Param};
-use burn::tensor::{Device, Tensor, TensorData};
+use crate::image::Image;
+use crate::image::normalisation::{Affine, MOMENTUM, unbiased};
+use crate::image::spectral::SingularVectors;
 use numerics::gaussian::standard_normal;
-use numerics::image::normalisation::{Statistics, normalise_batch, normalise_by, normalise_instances};
-use numerics::image::resize::{enlarge_nearest, resize_bilinear};
-use numerics::image::spectral::{SingularVectors, normalised};
-use numerics::image::{convolution, deconvolution, pointwise};
-use numerics::network::device;
+use plan::{Activation, Equations, Expression, Shape, State};
 use rand::{Rng, RngCore};
 
 /// Purpose of a forward pass.
@@ -29,263 +30,63 @@ pub enum PassMode {
     Evaluation,
 }
 
-/// A convolution with a kernel of 1x1 or 3x3 that keeps height and width.
-#[derive(Module, Debug)]
-pub struct Convolution {
-    /// `[k, k, inputs, outputs]`.
-    weight: Param<Tensor<4>>,
-    bias: Param<Tensor<1>>,
-    /// Singular vectors, where the weight is divided by its largest singular value.
-    #[module(skip)]
-    singular: Option<SingularVectors>,
+/// A trained parameter of a network.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Parameter {
+    /// Name in the state.
+    pub name: String,
+    /// Numbers of rows and columns.
+    pub shape: Shape,
 }
 
-impl Convolution {
-    /// A convolution with a kernel of `side` x `side`, 1 or 3.
-    pub fn new(
-        side: usize,
-        [n_inputs, n_outputs]: [usize; 2],
-        rng: &mut impl RngCore,
-        device: &Device,
-    ) -> Self {
-        let taps = side * side;
-        let bound = (6.0 / count(taps * (n_inputs + n_outputs))).sqrt();
-        let weight = uniform(taps * n_inputs * n_outputs, bound, rng);
-        Self {
-            weight: parameter(weight, [side, side, n_inputs, n_outputs], device),
-            bias: parameter(
-                uniform(n_outputs, 1.0 / count(taps * n_inputs).sqrt(), rng),
-                [n_outputs],
-                device,
-            ),
-            singular: None,
-        }
-    }
-
-    /// The same with spectral normalisation.
-    pub fn spectral(side: usize, channels: [usize; 2], rng: &mut impl RngCore, device: &Device) -> Self {
-        let plain = Self::new(side, channels, rng, device);
-        let singular = Some(singular_vectors(side * side * channels[0], channels[1], rng));
-        Self { singular, ..plain }
-    }
-
-    /// Output `[batch, height, width, outputs]` of an image `[batch, height, width, inputs]`.
-    pub fn forward(&mut self, image: Tensor<4>, pass: PassMode) -> Tensor<4> {
-        let mut weight = self.weight.val();
-        if let Some(singular) = &mut self.singular {
-            if pass == PassMode::Training {
-                singular.iterate(&weight);
-            }
-            weight = normalised(weight, singular);
-        }
-        match weight.dims() {
-            [1, 1, inputs, outputs] => {
-                convolution::convolve_1x1(image, weight.reshape([inputs, outputs]), self.bias.val())
-            }
-            _ => convolution::convolve_3x3(image, weight, self.bias.val()),
-        }
-    }
-}
-
-impl StatefulModule for Convolution {
-    fn state_vectors(&mut self) -> Vec<&mut Vec<f32>> {
-        let singular = self.singular.iter_mut();
-        singular
-            .flat_map(|singular| [&mut singular.of_outputs, &mut singular.of_rows])
-            .collect()
-    }
-}
-
-/// A linear layer without bias, with spectral normalisation.
-#[derive(Module, Debug)]
-pub struct SpectralLinear {
-    /// `[inputs, outputs]`.
-    weight: Param<Tensor<2>>,
-    #[module(skip)]
-    singular: SingularVectors,
-}
-
-impl SpectralLinear {
-    /// A layer from `n_inputs` to `n_outputs`.
-    pub fn new([n_inputs, n_outputs]: [usize; 2], rng: &mut impl RngCore, device: &Device) -> Self {
-        let weight = uniform(n_inputs * n_outputs, 1.0 / count(n_inputs).sqrt(), rng);
-        Self {
-            weight: parameter(weight, [n_inputs, n_outputs], device),
-            singular: singular_vectors(n_inputs, n_outputs, rng),
-        }
-    }
-
-    /// Outputs `[batch, height, width, outputs]` of every pixel of `[batch, height, width, inputs]`.
-    pub fn forward(&mut self, input: Tensor<4>, pass: PassMode) -> Tensor<4> {
-        let weight = self.weight.val();
-        if pass == PassMode::Training {
-            self.singular.iterate(&weight);
-        }
-        let no_bias = Tensor::zeros([weight.dims()[1]], &device());
-        convolution::convolve_1x1(input, normalised(weight, &self.singular), no_bias)
-    }
-}
-
-impl StatefulModule for SpectralLinear {
-    fn state_vectors(&mut self) -> Vec<&mut Vec<f32>> {
-        vec![&mut self.singular.of_outputs, &mut self.singular.of_rows]
-    }
-}
-
-/// A linear layer whose outputs form a small image.
-#[derive(Module, Debug)]
-pub struct Stem {
-    /// `[latent, height * width * channels]`.
-    weight: Param<Tensor<2>>,
-    bias: Param<Tensor<1>>,
-    #[module(skip)]
-    shape: [usize; 3],
-}
-
-impl Stem {
-    /// A layer from `n_latent` numbers to an image `[height, width, channels]`.
-    pub fn new(n_latent: usize, shape: [usize; 3], rng: &mut impl RngCore, device: &Device) -> Self {
-        let (n_outputs, bound) = (shape.iter().product(), 1.0 / count(n_latent).sqrt());
-        Self {
-            weight: parameter(
-                uniform(n_latent * n_outputs, bound, rng),
-                [n_latent, n_outputs],
-                device,
-            ),
-            bias: parameter(uniform(n_outputs, bound, rng), [n_outputs], device),
-            shape,
-        }
-    }
-
-    /// Images `[batch, height, width, channels]` of latent vectors `[batch, latent]`.
+impl Parameter {
+    /// The parameter in equations.
     #[must_use]
-    pub fn forward(&self, latents: Tensor<2>) -> Tensor<4> {
-        let ([n_images, _], [height, width, channels]) = (latents.dims(), self.shape);
-        // A convolution of one pixel gives the same bits on every processor, which a matrix product does not
-        // promise.
-        let pixels = latents.reshape([n_images as i64, 1, 1, -1]);
-        convolution::convolve_1x1(pixels, self.weight.val(), self.bias.val())
-            .reshape([n_images, height, width, channels])
+    pub fn expression<'e>(&self, equations: &'e Equations) -> Expression<'e> {
+        equations.parameter(&self.name, self.shape)
     }
 }
 
-/// Normalisation followed by a rectifier.
-#[derive(Module, Debug)]
-pub struct NormRelu {
-    weight: Option<Param<Tensor<1>>>,
-    bias: Option<Param<Tensor<1>>>,
-    #[module(skip)]
-    kind: Normalisation,
-    /// Running statistics; empty unless normalisation is over the batch.
-    #[module(skip)]
-    running: Statistics,
+/// All parameters of a list in equations.
+#[must_use]
+pub fn expressions<'e>(parameters: &[Parameter], equations: &'e Equations) -> Vec<Expression<'e>> {
+    parameters.iter().map(|it| it.expression(equations)).collect()
 }
 
-impl NormRelu {
-    /// Normalisation of `n_channels`.
-    pub fn new(kind: Normalisation, n_channels: usize, rng: &mut impl RngCore, device: &Device) -> Self {
-        let batch = kind == Normalisation::Batch;
-        #[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
-        let weight = batch.then(|| {
-            let drawn = (0..n_channels).map(|_| (1.0 + 0.02 * standard_normal(rng)) as f32);
-            parameter(drawn.collect(), [n_channels], device)
-        });
-        Self {
-            weight,
-            bias: batch.then(|| parameter(vec![0.0; n_channels], [n_channels], device)),
-            kind,
-            running: Statistics::neutral(if batch { n_channels } else { 0 }),
-        }
+/// Adds the first numbers of layers to a state.
+pub struct Start<'a> {
+    /// State that gets the numbers.
+    pub state: &'a mut State<f32>,
+    /// Stream of which they are drawn.
+    pub rng: &'a mut dyn RngCore,
+    /// The parameters that were added, in their order.
+    pub parameters: &'a mut Vec<Parameter>,
+}
+
+impl Start<'_> {
+    fn parameter(&mut self, name: String, shape: Shape, entries: Vec<f32>) {
+        self.state.insert(name.clone(), shape, entries);
+        self.parameters.push(Parameter { name, shape });
     }
 
-    /// The normalised image `[batch, height, width, channels]`, with 0 in place of negative values.
-    pub fn forward(&mut self, image: Tensor<4>, pass: PassMode) -> Tensor<4> {
-        let affine = self.weight.as_ref().zip(self.bias.as_ref());
-        match (affine, self.kind, pass) {
-            (Some((weight, bias)), _, PassMode::Training) => {
-                let [n_images, height, width, _] = image.dims();
-                let (output, of_batch) = normalise_batch(image, weight.val(), bias.val(), true);
-                self.running.absorb(&of_batch, n_images * height * width);
-                output
-            }
-            (Some((weight, bias)), _, PassMode::Evaluation) => {
-                normalise_by(image, weight.val(), bias.val(), self.running.clone(), true)
-            }
-            (None, Normalisation::Instance, _) => normalise_instances(image, true),
-            (None, ..) => pointwise::relu(image),
-        }
-    }
-}
-
-impl StatefulModule for NormRelu {
-    fn state_vectors(&mut self) -> Vec<&mut Vec<f32>> {
-        vec![&mut self.running.mean, &mut self.running.variance]
-    }
-}
-
-/// Enlargement by 2 or 4.
-#[derive(Module, Debug)]
-pub struct Enlargement {
-    /// The deconvolutions, where enlargement is learnt.
-    doublings: Vec<Doubling>,
-    #[module(skip)]
-    kind: Upsampling,
-    #[module(skip)]
-    factor: usize,
-}
-
-/// A deconvolution with a kernel of 2x2 and stride 2.
-#[derive(Module, Debug)]
-struct Doubling {
-    /// `[inputs, 2, 2, outputs]`.
-    weight: Param<Tensor<4>>,
-    bias: Param<Tensor<1>>,
-}
-
-impl Enlargement {
-    /// Enlargement of maps with `n_channels` by `factor`, a power of 2; learnt doublings follow each other.
-    ///
-    /// # Panics
-    /// Where `factor` is no power of 2.
-    pub fn new(
-        kind: Upsampling,
-        factor: usize,
-        n_channels: usize,
-        rng: &mut impl RngCore,
-        device: &Device,
-    ) -> Self {
-        assert!(factor.is_power_of_two(), "doublings do not enlarge by {factor}");
-        let bound = 1.0 / count(4 * n_channels).sqrt();
-        let mut doubling = || Doubling {
-            weight: parameter(
-                uniform(4 * n_channels * n_channels, bound, rng),
-                [n_channels, 2, 2, n_channels],
-                device,
-            ),
-            bias: parameter(uniform(n_channels, bound, rng), [n_channels], device),
-        };
-        let n_doublings = if kind == Upsampling::Deconvolution {
-            factor.ilog2()
-        } else {
-            0
-        };
-        Self {
-            doublings: (0..n_doublings).map(|_| doubling()).collect(),
-            kind,
-            factor,
-        }
+    /// Adds a parameter uniform in `+-bound`.
+    #[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
+    fn uniform(&mut self, name: String, shape: Shape, bound: f64) {
+        let count = shape[0] * shape[1];
+        let entries = (0..count).map(|_| ((2.0 * self.rng.random::<f64>() - 1.0) * bound) as f32);
+        let entries = entries.collect();
+        self.parameter(name, shape, entries);
     }
 
-    /// Maps `[batch, factor * height, factor * width, channels]` of `[batch, height, width, channels]`.
-    #[must_use]
-    pub fn forward(&self, map: Tensor<4>) -> Tensor<4> {
-        let [_, height, width, _] = map.dims();
-        match self.kind {
-            Upsampling::Bilinear => resize_bilinear(map, [self.factor * height, self.factor * width]),
-            Upsampling::Nearest => enlarge_nearest(map, self.factor),
-            Upsampling::Deconvolution => self.doublings.iter().fold(map, |map, doubling| {
-                deconvolution::deconvolve_2x2(map, doubling.weight.val(), doubling.bias.val())
-            }),
+    /// Adds random directions for both sides of a weight `[rows, outputs]`.
+    fn singular_vectors(&mut self, layer: &str, [n_rows, n_outputs]: Shape) {
+        for (name, length) in [("u", n_outputs), ("v", n_rows)] {
+            let drawn: Vec<f64> = (0..length).map(|_| standard_normal(&mut self.rng)).collect();
+            let norm = drawn.iter().map(|x| x * x).sum::<f64>().sqrt();
+            #[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
+            let direction = drawn.iter().map(|x| (x / norm) as f32).collect();
+            self.state
+                .insert(format!("{layer}.{name}"), [length, 1], direction);
         }
     }
 }
@@ -298,27 +99,249 @@ fn count(number: usize) -> f64 {
     number as f64
 }
 
-fn parameter<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Param<Tensor<D>> {
-    Param::from_tensor(Tensor::from_data(TensorData::new(values, shape), device))
-}
-
-#[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
-fn uniform(count: usize, bound: f64, rng: &mut impl RngCore) -> Vec<f32> {
-    (0..count)
-        .map(|_| ((2.0 * rng.random::<f64>() - 1.0) * bound) as f32)
-        .collect()
-}
-
-/// Random directions for both sides of a weight `[rows, outputs]`.
-fn singular_vectors(n_rows: usize, n_outputs: usize, rng: &mut impl RngCore) -> SingularVectors {
-    let mut direction = |length: usize| {
-        let drawn: Vec<f64> = (0..length).map(|_| standard_normal(rng)).collect();
-        let norm = drawn.iter().map(|x| x * x).sum::<f64>().sqrt();
-        #[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
-        drawn.iter().map(|x| (x / norm) as f32).collect()
+/// A weight `[rows, outputs]`, divided by its largest singular value.
+fn divided<'e>(layer: &str, weight: Expression<'e>, pass: PassMode) -> Expression<'e> {
+    let (equations, [n_rows, n_outputs]) = (weight.equations(), weight.shape());
+    let vectors = SingularVectors {
+        of_outputs: equations.parameter(&format!("{layer}.u"), [n_outputs, 1]),
+        of_rows: equations.parameter(&format!("{layer}.v"), [n_rows, 1]),
     };
-    SingularVectors {
-        of_outputs: direction(n_outputs),
-        of_rows: direction(n_rows),
+    if pass == PassMode::Evaluation {
+        return vectors.divided(weight);
+    }
+    let iterated = vectors.iterated(weight);
+    equations.assign(vectors.of_outputs, iterated.of_outputs);
+    equations.assign(vectors.of_rows, iterated.of_rows);
+    iterated.divided(weight)
+}
+
+/// A convolution with a kernel of 1x1 or 3x3 that keeps height and width: weight `[k k inputs, outputs]`, bias
+/// `[1, outputs]`.
+#[derive(Debug, Clone)]
+pub struct Convolution {
+    name: String,
+    side: usize,
+    /// Inputs and outputs.
+    channels: [usize; 2],
+    /// Whether the weight is divided by its largest singular value.
+    is_spectral: bool,
+}
+
+impl Convolution {
+    /// A convolution with a kernel of `side` x `side`, 1 or 3.
+    pub fn new(name: String, side: usize, channels: [usize; 2], start: &mut Start<'_>) -> Self {
+        let (taps, [n_inputs, n_outputs]) = (side * side, channels);
+        let bound = (6.0 / count(taps * (n_inputs + n_outputs))).sqrt();
+        start.uniform(format!("{name}.weight"), [taps * n_inputs, n_outputs], bound);
+        let bound = 1.0 / count(taps * n_inputs).sqrt();
+        start.uniform(format!("{name}.bias"), [1, n_outputs], bound);
+        Self {
+            name,
+            side,
+            channels,
+            is_spectral: false,
+        }
+    }
+
+    /// The same with spectral normalisation.
+    pub fn spectral(name: String, side: usize, channels: [usize; 2], start: &mut Start<'_>) -> Self {
+        let plain = Self::new(name, side, channels, start);
+        start.singular_vectors(&plain.name, [side * side * channels[0], channels[1]]);
+        Self {
+            is_spectral: true,
+            ..plain
+        }
+    }
+
+    /// Maps with the layer's outputs of maps with its inputs.
+    #[must_use]
+    pub fn apply<'e>(&self, image: Image<'e>, pass: PassMode) -> Image<'e> {
+        let (equations, [n_inputs, n_outputs]) = (image.pixels.equations(), self.channels);
+        let rows = self.side * self.side * n_inputs;
+        let mut weight = equations.parameter(&format!("{}.weight", self.name), [rows, n_outputs]);
+        if self.is_spectral {
+            weight = divided(&self.name, weight, pass);
+        }
+        let bias = equations.parameter(&format!("{}.bias", self.name), [1, n_outputs]);
+        image.convolve(self.side, weight, bias)
+    }
+}
+
+/// A linear layer without bias, with spectral normalisation: weight `[inputs, outputs]`.
+#[derive(Debug, Clone)]
+pub struct SpectralLinear {
+    name: String,
+    sizes: Shape,
+}
+
+impl SpectralLinear {
+    /// A layer from `sizes[0]` numbers to `sizes[1]`.
+    pub fn new(name: String, sizes: Shape, start: &mut Start<'_>) -> Self {
+        start.uniform(format!("{name}.weight"), sizes, 1.0 / count(sizes[0]).sqrt());
+        start.singular_vectors(&name, sizes);
+        Self { name, sizes }
+    }
+
+    /// Outputs `[batch, outputs]` of inputs `[batch, inputs]`.
+    #[must_use]
+    pub fn apply<'e>(&self, input: Expression<'e>, pass: PassMode) -> Expression<'e> {
+        let weight = input
+            .equations()
+            .parameter(&format!("{}.weight", self.name), self.sizes);
+        input.product(divided(&self.name, weight, pass), [false; 2])
+    }
+}
+
+/// A linear layer whose outputs form a small image: weight `[latent, height width channels]`, bias
+/// `[1, height width channels]`.
+#[derive(Debug, Clone)]
+pub struct Stem {
+    name: String,
+    n_latent: usize,
+    /// Height, width and channels of the image.
+    shape: [usize; 3],
+}
+
+impl Stem {
+    /// A layer from `n_latent` numbers to an image `[height, width, channels]`.
+    pub fn new(name: String, n_latent: usize, shape: [usize; 3], start: &mut Start<'_>) -> Self {
+        let (n_outputs, bound) = (shape.iter().product(), 1.0 / count(n_latent).sqrt());
+        start.uniform(format!("{name}.weight"), [n_latent, n_outputs], bound);
+        start.uniform(format!("{name}.bias"), [1, n_outputs], bound);
+        Self {
+            name,
+            n_latent,
+            shape,
+        }
+    }
+
+    /// Images of latent vectors `[batch, latent]`.
+    #[must_use]
+    pub fn apply<'e>(&self, latents: Expression<'e>) -> Image<'e> {
+        let (equations, [height, width, channels]) = (latents.equations(), self.shape);
+        let n_outputs = height * width * channels;
+        let weight = equations.parameter(&format!("{}.weight", self.name), [self.n_latent, n_outputs]);
+        let bias = equations.parameter(&format!("{}.bias", self.name), [1, n_outputs]);
+        let images = latents.dense(weight, bias, Activation::Identity);
+        let n_pixels = latents.n_rows() * height * width;
+        Image::new(images.reshape([n_pixels, channels]), [height, width])
+    }
+}
+
+/// Normalisation followed by a rectifier; over the batch with weight and bias `[1, channels]`.
+#[derive(Debug, Clone)]
+pub struct NormRelu {
+    name: String,
+    kind: Normalisation,
+    n_channels: usize,
+}
+
+impl NormRelu {
+    /// Normalisation of `n_channels`.
+    pub fn new(name: String, kind: Normalisation, n_channels: usize, start: &mut Start<'_>) -> Self {
+        if kind == Normalisation::Batch {
+            #[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
+            let drawn = (0..n_channels).map(|_| (1.0 + 0.02 * standard_normal(&mut start.rng)) as f32);
+            let drawn = drawn.collect();
+            start.parameter(format!("{name}.weight"), [1, n_channels], drawn);
+            start.parameter(format!("{name}.bias"), [1, n_channels], vec![0.0; n_channels]);
+            let neutral = [0.0, 1.0].map(|number| vec![number; n_channels]).concat();
+            start
+                .state
+                .insert(format!("{name}.running"), [1, 2 * n_channels], neutral);
+        }
+        Self {
+            name,
+            kind,
+            n_channels,
+        }
+    }
+
+    /// The normalised map, with 0 in place of negative values.
+    #[must_use]
+    pub fn apply<'e>(&self, map: Image<'e>, pass: PassMode) -> Image<'e> {
+        let (equations, n_channels) = (map.pixels.equations(), self.n_channels);
+        match self.kind {
+            Normalisation::None => return map.relu(),
+            Normalisation::Instance => return map.normalise_instances(true),
+            Normalisation::Batch => {}
+        }
+        let part = |part: &str, n| equations.parameter(&format!("{}.{part}", self.name), [1, n]);
+        let running = part("running", 2 * n_channels);
+        let affine = Affine {
+            weight: part("weight", n_channels),
+            bias: part("bias", n_channels),
+        };
+        if pass == PassMode::Evaluation {
+            return map.normalise_by(affine, running, true);
+        }
+        let (output, of_batch) = map.normalise_batch(affine, true);
+        equations.follow(&[running], &[unbiased(of_batch, map.pixels.n_rows())], MOMENTUM);
+        output
+    }
+}
+
+/// Enlargement by a power of 2: where it is learnt, deconvolutions with weight `[channels, 2 2 channels]` and bias
+/// `[1, channels]`.
+#[derive(Debug, Clone)]
+pub struct Enlargement {
+    name: String,
+    kind: Upsampling,
+    factor: usize,
+    n_channels: usize,
+}
+
+impl Enlargement {
+    /// Enlargement of maps with `n_channels` by `factor`, a power of 2; learnt doublings follow each other.
+    ///
+    /// # Panics
+    /// Where `factor` is no power of 2.
+    pub fn new(
+        name: String,
+        kind: Upsampling,
+        factor: usize,
+        n_channels: usize,
+        start: &mut Start<'_>,
+    ) -> Self {
+        assert!(factor.is_power_of_two(), "doublings do not enlarge by {factor}");
+        let layer = Self {
+            name,
+            kind,
+            factor,
+            n_channels,
+        };
+        let bound = 1.0 / count(4 * n_channels).sqrt();
+        for doubling in layer.doublings() {
+            start.uniform(format!("{doubling}.weight"), [n_channels, 4 * n_channels], bound);
+            start.uniform(format!("{doubling}.bias"), [1, n_channels], bound);
+        }
+        layer
+    }
+
+    /// Names of the deconvolutions.
+    fn doublings(&self) -> Vec<String> {
+        let n_doublings = if self.kind == Upsampling::Deconvolution {
+            self.factor.ilog2()
+        } else {
+            0
+        };
+        (0..n_doublings)
+            .map(|at| format!("{}.doublings.{at}", self.name))
+            .collect()
+    }
+
+    /// Maps whose sides are `factor` times as long.
+    #[must_use]
+    pub fn apply<'e>(&self, map: Image<'e>) -> Image<'e> {
+        let (equations, n) = (map.pixels.equations(), self.n_channels);
+        match self.kind {
+            Upsampling::Bilinear => map.resize_bilinear([self.factor * map.height, self.factor * map.width]),
+            Upsampling::Nearest => map.enlarge_nearest(self.factor),
+            Upsampling::Deconvolution => self.doublings().into_iter().fold(map, |map, doubling| {
+                let weight = equations.parameter(&format!("{doubling}.weight"), [n, 4 * n]);
+                let bias = equations.parameter(&format!("{doubling}.bias"), [1, n]);
+                map.deconvolve_2x2(weight, bias)
+            }),
+        }
     }
 }

@@ -2,7 +2,7 @@
 //! of chapter 5 of the thesis as an environment.
 //!
 //! Images are `[batch, height, width, 3]` in [-1, 1], channels last, everywhere: the kernels of
-//! [`numerics::image`] read whole pixels at once, which is faster than planes.
+//! [`image`] read whole pixels at once, which is faster than planes.
 
 pub mod adversarial;
 pub mod architecture;
@@ -11,10 +11,10 @@ pub mod classifier;
 pub mod discriminator;
 pub mod feature_network;
 pub mod generator;
+pub mod image;
 pub mod images;
 pub mod inception;
 pub mod layers;
-pub mod memory;
 #[cfg(test)]
 mod reference;
 pub mod samples;

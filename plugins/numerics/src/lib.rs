@@ -11,7 +11,6 @@ pub mod gauss_hermite;
 pub mod gaussian;
 pub mod gaussian_head;
 pub mod gaussian_softmax;
-pub mod image;
 pub mod linearised;
 pub mod matrices;
 pub mod network;

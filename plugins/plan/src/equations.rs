@@ -9,6 +9,7 @@
 //! let processor = Processor::<f32>::new(equations.into_graph());
 //! ```
 
+use crate::extension::Extension;
 use crate::graph::{Graph, Routine, Shape, Value};
 use crate::operations::Activation;
 use crate::updates::Optimiser;
@@ -123,6 +124,17 @@ impl Equations {
     pub fn join<'e>(&'e self, parts: &[Expression<'e>]) -> Expression<'e> {
         let values: Vec<Value> = parts.iter().map(|part| part.value).collect();
         self.add_with(|graph| graph.join(&values))
+    }
+
+    /// Result of an operation that another crate computes.
+    #[must_use]
+    pub fn apply<'e>(
+        &'e self,
+        extension: impl Extension + 'static,
+        operands: &[Expression<'e>],
+    ) -> Expression<'e> {
+        let values: Vec<Value> = operands.iter().map(|operand| operand.value).collect();
+        self.add_with(|graph| graph.apply(extension, &values))
     }
 
     /// Gradients of a loss `[1, 1]`, one per wanted value.

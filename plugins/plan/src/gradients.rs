@@ -56,8 +56,13 @@ impl Graph {
                     | Operation::Ranked { .. }
                     | Operation::ClipScale { .. }
             );
-            let of_operands = node.operands.iter().any(|operand| depends[operand.0]);
-            depends[at] = wanted.contains(&Value(at)) || passes && of_operands;
+            let passes_from = |operand: usize| match &node.operation {
+                Operation::Extension(extension) => extension.0.passes(operand),
+                _ => passes,
+            };
+            let mut operands = node.operands.iter().enumerate();
+            let of_operands = operands.any(|(at, operand)| depends[operand.0] && passes_from(at));
+            depends[at] = wanted.contains(&Value(at)) || of_operands;
         }
         depends
     }
@@ -135,6 +140,9 @@ impl Graph {
                 vec![(x, self.mul(gradient, slope))]
             }
             Operation::Rows(function) => self.through_rows(function, &operands, gradient, depends),
+            Operation::Extension(extension) => {
+                self.through_extension(&extension, &operands, [value, gradient], depends)
+            }
             Operation::LogGammaSlope => panic!("no gradient passes through {}", self.shown(value)),
             // Leaves have no operands, and no gradient passes through the others.
             _ => Vec::new(),

@@ -16,6 +16,7 @@
 //! | [`gradients`] | reverse mode |
 //! | [`updates`] | changes of parameters: Adam, moving averages, assignments; clipping of gradients |
 //! | [`listing`] | a plan as text, its floating-point operations and its memory traffic |
+//! | [`extension`] | operations that other crates compute |
 //! | [`scalar`] | the arithmetic that an executor needs of `f32` or `f64` |
 //! | [`processor`] | the executor |
 //! | [`plans`] | processors by their number of rows |
@@ -35,6 +36,7 @@ pub mod differences;
 mod dirichlet;
 mod draws;
 pub mod equations;
+pub mod extension;
 mod fusion;
 pub mod gradients;
 pub mod graph;
@@ -50,6 +52,7 @@ pub mod state;
 pub mod updates;
 
 pub use equations::{Descent, Equations, Expression};
+pub use extension::{Backward, Extension};
 pub use graph::{Graph, Number, Routine, Shape, Value};
 pub use operations::Activation;
 pub use plans::Plans;

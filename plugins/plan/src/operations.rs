@@ -3,6 +3,7 @@
 //! Functions of one and of two numbers act entry by entry; an operand with one row, one column or both is repeated
 //! over the others. The result for a NaN is a NaN, except where a slope or a comparison is taken of it.
 
+use crate::extension::Shared;
 use crate::graph::Shape;
 
 /// Activation after a dense layer.
@@ -179,6 +180,8 @@ pub(crate) enum Operation {
     Rows(RowFunction),
     /// 1, or where the joint norm of all operands exceeds `largest`, the quotient of both.
     ClipScale { largest: f64 },
+    /// An operation of another crate.
+    Extension(Shared),
 }
 
 impl Operation {
@@ -205,6 +208,7 @@ impl Operation {
             Operation::Normal { .. } | Operation::Uniform { .. } => n(result),
             Operation::LogGamma { .. } | Operation::LogGammaSlope | Operation::Rows(_) => all,
             Operation::ClipScale { .. } => 2 * all,
+            Operation::Extension(extension) => extension.0.flops(operands, result),
             _ => 0,
         }
     }
@@ -220,6 +224,7 @@ impl std::fmt::Display for Operation {
             }
             Operation::Map(function) => write!(f, "{function:?}"),
             Operation::Combine(pair) => write!(f, "{pair:?}"),
+            Operation::Extension(extension) => write!(f, "{}", extension.0.name()),
             other => write!(f, "{other:?}"),
         }
     }

@@ -4,6 +4,7 @@
 //! packed again only after they have changed. A run allocates nothing after the first one of its routine, and one
 //! thread executes it.
 
+use crate::extension::MOST_OPERANDS;
 use crate::fusion::Pieces;
 use crate::graph::{Graph, Routine, Shape, Step, Value};
 use crate::kernels::{Kernel, compile};
@@ -28,6 +29,8 @@ pub enum Work {
     },
     /// Number of entrywise operations in one loop.
     Loop(usize),
+    /// An operation of another crate.
+    Extension,
     /// A sum, or entries moved.
     SumOrMove,
     /// A change of a parameter.
@@ -96,6 +99,8 @@ pub struct Processor<T: Scalar> {
     pieces: Pieces<T>,
     chains: Vec<T>,
     wide: [Vec<f64>; 3],
+    /// Intermediate numbers of extensions.
+    extended: Vec<f32>,
 }
 
 impl<T: Scalar> Processor<T> {
@@ -126,6 +131,7 @@ impl<T: Scalar> Processor<T> {
             pieces,
             chains: Vec::new(),
             wide: Default::default(),
+            extended: Vec::new(),
         }
     }
 
@@ -245,6 +251,7 @@ impl<T: Scalar> Processor<T> {
                     let work = match node.operation {
                         Operation::Product { transposed } => product(transposed),
                         Operation::Dense(_) => product([false; 2]),
+                        Operation::Extension(_) => Work::Extension,
                         _ => Work::SumOrMove,
                     };
                     after(work, node.shape);
@@ -274,6 +281,7 @@ impl<T: Scalar> Processor<T> {
             }
             Operation::Rows(function) => self.compute_rows(function, value, &mut result),
             Operation::Dense(_) => self.multiply(value, false, &mut result),
+            Operation::Extension(_) => self.extend(value, &mut result),
             Operation::Product { transposed } => self.multiply(value, transposed[1], &mut result),
             _ => self.move_or_sum(value, &mut result),
         }
@@ -293,6 +301,18 @@ impl<T: Scalar> Processor<T> {
         let rows = rows.zip(alpha.chunks_exact(n)).zip(log_point.chunks_exact(n));
         for ((result, alpha), log_point) in rows {
             dirichlet::row(function, [alpha, log_point], result, &mut self.wide);
+        }
+    }
+
+    fn extend(&mut self, value: Value, result: &mut [T]) {
+        let node = &self.graph.nodes[value.0];
+        if let Operation::Extension(extension) = &node.operation {
+            let mut operands: [&[T]; MOST_OPERANDS] = [&[]; MOST_OPERANDS];
+            for (entries, operand) in operands.iter_mut().zip(&node.operands) {
+                *entries = self.memory.of(*operand);
+            }
+            let operands = &operands[..node.operands.len()];
+            T::extend(&*extension.0, operands, result, &mut self.extended);
         }
     }
 
@@ -367,7 +387,11 @@ impl<T: Scalar> Processor<T> {
     /// Capacities of all memory.
     #[cfg(test)]
     pub(crate) fn capacities(&self) -> Vec<usize> {
-        let own = [self.chains.capacity(), self.packs.capacity()];
+        let own = [
+            self.chains.capacity(),
+            self.packs.capacity(),
+            self.extended.capacity(),
+        ];
         [self.memory.capacities(), self.pieces.capacities(), own.to_vec()].concat()
     }
 

@@ -1,23 +1,35 @@
 //! Sums, largest entries and moves of rows.
 
-use crate::operations::Pair;
-use crate::scalar::{Scalar, combine};
+use crate::scalar::Scalar;
 use arithmetic::products::BLOCK;
+use arithmetic::slices::widest;
 
 /// Sum of each column over the rows: chains over blocks of rows, added in their order.
 pub(crate) fn sum_rows<T: Scalar>(entries: &[T], sums: &mut [T], chains: &mut Vec<T>) {
     let n = sums.len();
     sums.fill(T::default());
-    let add = |sums: &mut [T], row: &[T]| combine(Pair::Add, sums, row);
     let mut blocks = entries.chunks(BLOCK * n);
-    let first = blocks.next().unwrap_or_default();
-    first.chunks_exact(n).for_each(|row| add(sums, row));
+    add_rows(sums, blocks.next().unwrap_or_default());
     for block in blocks {
         chains.clear();
         chains.resize(n, T::default());
-        block.chunks_exact(n).for_each(|row| add(chains, row));
-        add(sums, chains);
+        add_rows(chains, block);
+        add_rows(sums, chains);
     }
+}
+
+/// Adds each row in turn. The wide loops begin once for all rows, which are often short.
+fn add_rows<T: Scalar>(sums: &mut [T], rows: &[T]) {
+    widest(
+        #[inline(always)]
+        move || {
+            for row in rows.chunks_exact(sums.len()) {
+                for (sum, entry) in sums.iter_mut().zip(row) {
+                    *sum += *entry;
+                }
+            }
+        },
+    );
 }
 
 /// Sum of one row: chains over blocks of columns, added in their order.

@@ -1,6 +1,7 @@
 //! The arithmetic that an executor needs of a number: `f32` with the bits that [`arithmetic`] defines, and `f64` for
 //! tests of gradients, with plain loops.
 
+use crate::extension::Extension;
 use crate::operations::{Function, Pair};
 use arithmetic::products::{self, Matrix};
 use arithmetic::slices::{self, widest};
@@ -82,6 +83,9 @@ pub trait Scalar:
 
     /// Moves each entry: `target <- target + tau (source - target)`.
     fn follow(target: &mut [Self], source: &[Self], tau: Self);
+
+    /// Computes an extension, with a memory for intermediate numbers.
+    fn extend(extension: &dyn Extension, operands: &[&[Self]], result: &mut [Self], memory: &mut Vec<f32>);
 }
 
 fn matrix(factor: Factor<f32>) -> Matrix {
@@ -169,6 +173,10 @@ impl Scalar for f32 {
 
     fn follow(target: &mut [Self], source: &[Self], tau: Self) {
         steps::follow(target, source, tau);
+    }
+
+    fn extend(extension: &dyn Extension, operands: &[&[f32]], result: &mut [f32], memory: &mut Vec<f32>) {
+        extension.compute(operands, result, memory);
     }
 }
 
@@ -272,6 +280,19 @@ impl Scalar for f64 {
         for (t, s) in target.iter_mut().zip(source) {
             *t += tau * (s - *t);
         }
+    }
+
+    #[allow(clippy::cast_possible_truncation, reason = "an extension computes in f32")]
+    fn extend(extension: &dyn Extension, operands: &[&[f64]], result: &mut [f64], memory: &mut Vec<f32>) {
+        let narrow = |entries: &&[f64]| entries.iter().map(|x| *x as f32).collect::<Vec<f32>>();
+        let operands: Vec<Vec<f32>> = operands.iter().map(narrow).collect();
+        let operands: Vec<&[f32]> = operands.iter().map(Vec::as_slice).collect();
+        let mut found = vec![0.0; result.len()];
+        extension.compute(&operands, &mut found, memory);
+        result
+            .iter_mut()
+            .zip(found)
+            .for_each(|(to, from)| *to = f64::from(from));
     }
 }
 

@@ -9,6 +9,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 mod of_bits;
 mod of_draws;
 mod of_equations;
+mod of_extensions;
 mod of_gradients;
 mod of_order;
 mod of_plans;

@@ -2,9 +2,7 @@
 
 use super::*;
 use crate::architecture::{AUTOGAN, CellArchitecture, E2GAN};
-use crate::generator::GeneratorSizes;
-use crate::reference::{assert_close, by_formula, networks, tensor};
-use numerics::parameters::{Parameter, parameters};
+use crate::reference::{assert_close, by_formula, differences, networks, numbers};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use serde_json::Value;
 
@@ -15,33 +13,33 @@ const SIZES: GeneratorSizes = GeneratorSizes {
 };
 
 fn adversaries(training: Training) -> Adversaries {
-    let (mut rng, device) = (ChaCha8Rng::seed_from_u64(11), training_device());
-    Adversaries::new(
-        Generator::new(SIZES, &mut rng, &device),
-        Discriminator::new(4, &mut rng, &device),
-        training,
-    )
+    Adversaries::new(SIZES, 4, training, &mut ChaCha8Rng::seed_from_u64(11))
 }
 
-/// The singular vectors and running statistics of a discriminator.
-fn memory(discriminator: &Discriminator) -> Vec<Vec<f32>> {
-    let mut copy = discriminator.clone();
-    copy.state_vectors()
-        .into_iter()
-        .map(|numbers| numbers.clone())
+/// Names of the singular vectors of a discriminator.
+fn vectors(state: &State<f32>) -> Vec<String> {
+    let names = state.tensors().map(|(name, ..)| name.to_owned());
+    names
+        .filter(|name| name.ends_with(".u") || name.ends_with(".v"))
         .collect()
 }
 
 /// Sets the parameters from number `known` of each network on, and the vectors that are not in `old`, to the
 /// values of `networks.py`.
-fn set_new(trained: &mut Adversaries, known: [usize; 2], old: &[Vec<f32>]) {
-    trained.generator = by_formula(trained.generator.clone(), 20, known[0]);
-    trained.average = by_formula(trained.average.clone(), 20, known[0]);
-    trained.discriminator = by_formula(trained.discriminator.clone(), 90, known[1]);
-    let vectors = trained.discriminator.state_vectors().into_iter();
-    for vector in vectors.filter(|vector| !old.contains(vector)) {
+fn set_new(trained: &mut Adversaries, known: [usize; 2], old: &[String]) {
+    let Adversaries {
+        generator,
+        discriminator,
+        state,
+        ..
+    } = trained;
+    by_formula(generator.parameters(), state, 20, known[0]);
+    average(&generator.parameters()[known[0]..], state);
+    by_formula(discriminator.parameters(), state, 90, known[1]);
+    for name in vectors(state).iter().filter(|name| !old.contains(name)) {
+        let vector = state.entries_mut(name);
         let length = (vector.len() as f32).sqrt();
-        vector.iter_mut().for_each(|x| *x = 1.0 / length);
+        vector.fill(1.0 / length);
     }
 }
 
@@ -49,14 +47,19 @@ fn set_new(trained: &mut Adversaries, known: [usize; 2], old: &[Vec<f32>]) {
 fn three_stages_of_training_agree_with_pytorch() {
     let expected = &networks()["training"];
     let trained = trained_in_stages(expected);
-    assert_parameters(&parameters(&trained.generator), &expected["generator"]);
-    assert_parameters(&parameters(&trained.discriminator), &expected["discriminator"]);
-    let vector = &memory(&trained.discriminator)[0];
+    let (generator, discriminator) = (trained.generator(), trained.discriminator());
+    assert_parameters(generator.parameters(), trained.state(), &expected["generator"]);
+    assert_parameters(
+        discriminator.parameters(),
+        trained.state(),
+        &expected["discriminator"],
+    );
+    let vector = trained.state().entries("discriminator.blocks.0.first.u");
     assert_close(vector, &expected["u"], (0.0, 1e-3), "u");
-    let images = |generator: &Generator| values(generator.evaluate(tensor([2, 4], 2)).images);
-    let of_last = images(&trained.generator);
+    let images = |mut generator: FinishedGenerator| generator.evaluate(&numbers(2 * 4, 2)).images;
+    let of_last = images(trained.trained_generator());
     assert_close(&of_last, &expected["evaluated"], (0.0, 5e-3), "images");
-    let of_average = images(&trained.averaged_generator());
+    let of_average = images(trained.averaged_generator());
     let what = "images of the average";
     assert_close(&of_average, &expected["averaged"], (0.0, 5e-3), what);
 }
@@ -78,7 +81,9 @@ fn trained_in_stages(expected: &Value) -> Adversaries {
         for at in (0..3).map(|repeat| 10 * stage + repeat) {
             for found in step_both(&mut trained, at) {
                 let expected = losses.next().unwrap();
-                let close = (f64::from(found) - expected).abs() < 1e-3;
+                // Rounding errors grow from stage to stage.
+                let allowed = if stage == 0 { 5e-6 } else { 1e-3 };
+                let close = (found - expected).abs() < allowed;
                 assert!(close, "stage {stage}: {found} {expected}");
             }
         }
@@ -89,39 +94,54 @@ fn trained_in_stages(expected: &Value) -> Adversaries {
 /// Adds a cell with the numbers of `networks.py`; the other parts keep theirs.
 fn grow(trained: &mut Adversaries, cell: &CellArchitecture) {
     let known = [
-        parameters(&trained.generator).len(),
-        parameters(&trained.discriminator).len(),
+        trained.generator.parameters().len(),
+        trained.discriminator.parameters().len(),
     ];
-    let old = memory(&trained.discriminator);
+    let old = vectors(&trained.state);
     trained.grow(cell, &mut ChaCha8Rng::seed_from_u64(1));
     set_new(trained, known, &old);
 }
 
 /// The losses of one step of the discriminator and one of the generator, with inputs number `at`.
-fn step_both(trained: &mut Adversaries, at: usize) -> [f32; 2] {
+fn step_both(trained: &mut Adversaries, at: usize) -> [f64; 2] {
     let side = trained.generator.side();
-    let of_critic = trained.critic_step(tensor([3, side, side, 3], 200 + at), tensor([3, 4], 100 + at));
-    [of_critic, trained.generator_step(tensor([3, 4], 300 + at))]
+    let real = numbers(3 * side * side * 3, 200 + at);
+    let of_critic = trained.critic_step(&real, &numbers(3 * 4, 100 + at));
+    [of_critic, trained.generator_step(&numbers(3 * 4, 300 + at))]
 }
 
-fn assert_parameters(found: &[Parameter], expected: &Value) {
+/// The first moments decay at once, so a step of a parameter has the sign of its gradient, even one of rounding errors,
+/// and such steps reach other parameters at the borders of maps. Inputs that differ in their last bit alone (1e-7) lead
+/// to single parameters that differ by up to 2e-3 in the end, while all others stay within 6e-4.
+fn assert_parameters(found: &[Parameter], state: &State<f32>, expected: &Value) {
     // A bias in front of batch normalisation has almost no gradient (except at the borders of a map) but
     // rounding errors, whose signs Adam follows.
-    let has_gradient =
-        |name: &str| !name.starts_with("cells") || !name.ends_with("bias") || name.ends_with("norm.bias");
+    let has_gradient = |name: &str| {
+        !name.starts_with("generator.cells") || !name.ends_with("bias") || name.ends_with("norm.bias")
+    };
     let pairs = found.iter().zip(expected.as_array().unwrap());
+    let (mut n_far, mut n_all) = (0, 0);
     for (parameter, expected) in pairs.filter(|(parameter, _)| has_gradient(&parameter.name)) {
+        let entries = state.entries(&parameter.name);
         // Nine steps move a number by up to 9e-3.
-        assert_close(&parameter.values, expected, (0.0, 6e-4), &parameter.name);
+        assert_close(entries, expected, (0.0, 3e-3), &parameter.name);
+        let differences = differences(entries, expected, &parameter.name);
+        n_far += differences
+            .iter()
+            .filter(|difference| **difference > 6e-4)
+            .count();
+        n_all += differences.len();
     }
+    assert!(20 * n_far <= n_all, "{n_far} of {n_all} parameters are far");
 }
 
-fn two_steps(trained: &mut Adversaries, rng: &mut ChaCha8Rng) -> Vec<f32> {
+fn two_steps(trained: &mut Adversaries, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let side = trained.generator.side();
     let mut losses = Vec::new();
     for step in 0..2 {
-        losses.push(trained.critic_step(tensor([4, side, side, 3], step), latents(4, 4, rng)));
-        losses.push(trained.generator_step(latents(4, 4, rng)));
+        let real = numbers(4 * side * side * 3, step);
+        losses.push(trained.critic_step(&real, &latents(4, 4, rng)));
+        losses.push(trained.generator_step(&latents(4, 4, rng)));
     }
     losses
 }
@@ -140,14 +160,14 @@ fn a_stored_training_continues_to_the_same_bits() {
     one.grow(&AUTOGAN.cells[2], &mut rng);
     let _ = two_steps(&mut one, &mut rng);
     let mut file = TensorFile::default();
-    one.store("gan", &mut file);
+    one.store(&mut file);
     let folder = tempfile::tempdir().unwrap();
     file.write(&folder.path().join("state.safetensors")).unwrap();
     let file = TensorFile::read(&folder.path().join("state.safetensors")).unwrap();
     let mut two = grown();
-    assert!(two.restore("gan", &TensorFile::default()).is_err());
+    assert!(two.restore(&TensorFile::default()).is_err());
     two.grow(&AUTOGAN.cells[2], &mut ChaCha8Rng::seed_from_u64(3));
-    two.restore("gan", &file).unwrap();
+    two.restore(&file).unwrap();
     let losses = [
         two_steps(&mut one, &mut rng.clone()),
         two_steps(&mut two, &mut rng),
@@ -155,7 +175,7 @@ fn a_stored_training_continues_to_the_same_bits() {
     assert_eq!(losses[0], losses[1]);
     let state = |trained: &Adversaries| {
         let mut file = TensorFile::default();
-        trained.store("gan", &mut file);
+        trained.store(&mut file);
         file
     };
     assert_eq!(state(&one), state(&two));
@@ -177,11 +197,11 @@ fn a_critic_learns_to_tell_noise_from_a_gradient() {
         ..Training::default()
     });
     trained.grow(&E2GAN.cells[0], &mut ChaCha8Rng::seed_from_u64(2));
-    let real = Tensor::<4>::ones([8, 4, 4, 3], &device());
+    let real = [1.0; 8 * 4 * 4 * 3];
     let mut rng = ChaCha8Rng::seed_from_u64(6);
-    let first = trained.critic_step(real.clone(), latents(8, 4, &mut rng));
+    let first = trained.critic_step(&real, &latents(8, 4, &mut rng));
     let last = (0..60)
-        .map(|_| trained.critic_step(real.clone(), latents(8, 4, &mut rng)))
+        .map(|_| trained.critic_step(&real, &latents(8, 4, &mut rng)))
         .last()
         .unwrap();
     assert!(last < 0.5 * first, "{first} {last}");

@@ -1,7 +1,6 @@
 //! Blocks and the network compared with pytorch-fid, and files that are not its weights.
 
 use super::*;
-use numerics::network::values;
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
 use serde::Deserialize;
@@ -44,8 +43,8 @@ fn fixture() -> Fixture {
 
 impl ThinnedTensor {
     #[track_caller]
-    fn assert_close<const D: usize>(&self, name: &str, found: Tensor<D>, tolerance: f32) {
-        let found: Vec<f32> = values(found).into_iter().step_by(self.step).collect();
+    fn assert_close(&self, name: &str, found: &[f32], tolerance: f32) {
+        let found: Vec<f32> = found.iter().copied().step_by(self.step).collect();
         assert_eq!(found.len(), self.values.len(), "{name}");
         let furthest = found
             .iter()
@@ -87,8 +86,26 @@ fn drawn(name: &str, shape: &[usize]) -> Vec<f32> {
         .collect()
 }
 
-fn input(name: &str, shape: [usize; 4]) -> Tensor<4> {
-    Tensor::from_data(TensorData::new(uniform(name, &shape), shape), &device())
+/// Numbers `[batch, channels, height, width]` as maps with their channels last.
+fn input(name: &str, [batch, channels, height, width]: [usize; 4]) -> Maps {
+    let planes = uniform(name, &[batch, channels, height, width]);
+    let n_pixels = height * width;
+    let entry = |at: usize| {
+        let (channel, pixel, image) = (at % channels, at / channels % n_pixels, at / channels / n_pixels);
+        planes[(image * channels + channel) * n_pixels + pixel]
+    };
+    Maps::new((0..planes.len()).map(entry).collect(), [height, width, channels])
+}
+
+/// Numbers of maps as `[batch, channels, height, width]`.
+fn planes(maps: &Maps) -> Vec<f32> {
+    let [height, width, channels] = maps.shape;
+    let (n_pixels, entries) = (height * width, &maps.entries);
+    let entry = |at: usize| {
+        let (pixel, channel, image) = (at % n_pixels, at / n_pixels % channels, at / n_pixels / channels);
+        entries[(image * n_pixels + pixel) * channels + channel]
+    };
+    (0..entries.len()).map(entry).collect()
 }
 
 /// All tensors that are read, in order.
@@ -150,13 +167,14 @@ fn every_kind_of_block_is_that_of_pytorch_fid() {
     {
         let mut x = input(&format!("input of {name}"), shape);
         for plan in plans(&name) {
-            let channels = x.dims()[1];
+            let channels = x.shape[2];
             let block = Block::new(&plan, channels, &|name, shape| Ok(drawn(name, shape))).unwrap();
-            x = block.see(x);
-            assert_eq!(x.dims()[1], plan.outputs(channels), "{name}");
+            x = block.see(&x);
+            assert_eq!(x.shape[2], plan.outputs(channels), "{name}");
         }
-        assert_eq!(x.dims(), output, "{name}");
-        expected.assert_close(&name, x, 1e-5);
+        let [height, width, channels] = x.shape;
+        assert_eq!([x.n_images(), channels, height, width], output, "{name}");
+        expected.assert_close(&name, &planes(&x), 1e-5);
     }
 }
 
@@ -194,11 +212,11 @@ fn the_network_sees_what_pytorch_fid_sees() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("inception.safetensors");
     write(&path, &wanted());
-    let images = input("images", [1, 32, 32, 3]);
-    let (features, logits) = Inception::read(&path).unwrap().see(images);
-    assert_eq!([features.dims(), logits.dims()], [[1, FEATURES], [1, CLASSES]]);
-    fixture().features.assert_close("features", features, 1e-5);
-    fixture().logits.assert_close("logits", logits, 1e-5);
+    let images = uniform("images", &[1, 32, 32, 3]);
+    let ImageFeatures { features, logits } = Inception::read(&path).unwrap().see(&images, [32; 2]);
+    assert_eq!([features.len(), logits.len()], [FEATURES, CLASSES]);
+    fixture().features.assert_close("features", &features, 1e-5);
+    fixture().logits.assert_close("logits", &logits, 1e-5);
 }
 
 #[test]
@@ -300,7 +318,27 @@ fn images_of_a_batch_are_seen_apart() {
     let plan = plans("Mixed_7c").remove(0);
     let block = Block::new(&plan, 128, &|name, shape| Ok(drawn(name, shape))).unwrap();
     let both = input("two images", [2, 128, 4, 5]);
-    let seen = values(means(block.see(both.clone())));
-    let apart = (0..2).flat_map(|at| values(means(block.see(both.clone().narrow(0, at, 1)))));
+    let seen = block.see(&both).means().entries;
+    let images = both.entries.chunks_exact(128 * 4 * 5);
+    let apart = images.flat_map(|image| block.see(&Maps::new(image.to_vec(), both.shape)).means().entries);
     assert_eq!(seen, apart.collect::<Vec<_>>());
+}
+
+#[test]
+fn every_half_of_a_number_is_read_exactly() {
+    for bits in 0..=u16::MAX {
+        let (exponent, fraction) = (i32::from(bits >> 10 & 0x1F), f64::from(bits & 0x3FF));
+        let size = match exponent {
+            0 => fraction * 2f64.powi(-24),
+            31 => continue,
+            _ => (1024.0 + fraction) * 2f64.powi(exponent - 25),
+        };
+        let expected = if bits >> 15 == 1 { -size } else { size };
+        assert_eq!(f64::from(weights::widened(bits)), expected, "{bits:x}");
+    }
+    assert_eq!(
+        [0x7C00, 0xFC00].map(weights::widened),
+        [f32::INFINITY, f32::NEG_INFINITY]
+    );
+    assert!(weights::widened(0x7C01).is_nan());
 }

@@ -1,6 +1,5 @@
 //! Weights of the network, from a published file.
 
-use burn::tensor::f16;
 use safetensors::Dtype;
 use safetensors::tensor::{Metadata, TensorInfo};
 use std::path::{Path, PathBuf};
@@ -128,7 +127,7 @@ impl WeightFile {
         match info.dtype {
             Dtype::F32 => Ok(entries(self.bytes(name, info, 4)?, f32::from_le_bytes)),
             Dtype::F16 => Ok(entries(self.bytes(name, info, 2)?, |two| {
-                f16::from_le_bytes(two).to_f32()
+                widened(u16::from_le_bytes(two))
             })),
             other => Err(InceptionError::Type {
                 name: name.into(),
@@ -164,6 +163,20 @@ fn header(bytes: &[u8]) -> Option<&[u8]> {
 
 fn entries<const N: usize>(bytes: &[u8], entry: impl Fn([u8; N]) -> f32) -> Vec<f32> {
     bytes.as_chunks().0.iter().map(|bytes| entry(*bytes)).collect()
+}
+
+/// The number of the bits of an `f16`, by IEEE 754.
+pub(super) fn widened(bits: u16) -> f32 {
+    let (exponent, fraction) = (bits >> 10 & 0x1F, bits & 0x3FF);
+    let size = match exponent {
+        // Multiples of 2^-24, which are exact.
+        0 => f32::from(fraction) / 16_777_216.0,
+        0x1F if fraction == 0 => f32::INFINITY,
+        0x1F => f32::NAN,
+        // The bias of the exponent is 15 here and 127 there.
+        _ => f32::from_bits((u32::from(exponent) + 112) << 23 | u32::from(fraction) << 13),
+    };
+    if bits >> 15 == 1 { -size } else { size }
 }
 
 fn finite(name: &str, values: Vec<f32>) -> Result<Vec<f32>, InceptionError> {

@@ -10,6 +10,7 @@
 //! | exp(E KL(p(y given x), p(y))) | the score of a split | scalar |
 
 use super::ScoreError;
+use arithmetic::double::{exp, ln};
 
 /// Mean and spread of the score over splits.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -82,7 +83,7 @@ fn softmax(logits: &[f32]) -> Vec<f64> {
     let greatest = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     // The greatest is subtracted first, since large logits would overflow.
     let above = logits.iter().map(|logit| f64::from(*logit) - f64::from(greatest));
-    let mut parts: Vec<f64> = above.map(f64::exp).collect();
+    let mut parts: Vec<f64> = above.map(exp).collect();
     let sum: f64 = parts.iter().sum();
     parts.iter_mut().for_each(|part| *part /= sum);
     parts
@@ -111,13 +112,13 @@ fn score_of_split(probabilities: &[f64], n_classes: usize) -> f64 {
     }
     marginal.iter_mut().for_each(|sum| *sum /= n_images);
     let divergences: Vec<f64> = rows.map(|row| divergence(row, &marginal)).collect();
-    mean(&divergences).exp()
+    exp(mean(&divergences))
 }
 
 /// KL(p, q), where 0 ln 0 is 0.
 fn divergence(p: &[f64], q: &[f64]) -> f64 {
     let terms = p.iter().zip(q).filter(|(p, _)| **p > 0.0);
-    terms.map(|(p, q)| p * (p.ln() - q.ln())).sum()
+    terms.map(|(p, q)| p * (ln(*p) - ln(*q))).sum()
 }
 
 fn mean(values: &[f64]) -> f64 {

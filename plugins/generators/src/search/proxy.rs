@@ -3,18 +3,12 @@
 use super::Config;
 use super::scoring::{Scores, Scoring};
 use crate::{
-    adversarial::{Adversaries, Training, latents, training_device},
+    adversarial::{Adversaries, Training, latents},
     architecture::CellArchitecture,
-    discriminator::Discriminator,
-    generator::{Generator, GeneratorSizes},
+    generator::{FinishedGenerator, GeneratorSizes},
     images::Images,
 };
-use burn::{
-    module::Module,
-    tensor::{Tensor, TensorData},
-};
 use contract::{Error, Rng};
-use numerics::network::{device, values};
 use rand::Rng as _;
 use std::sync::Arc;
 
@@ -55,15 +49,13 @@ impl Proxy {
             channels: config.generator_channels,
             latent: config.latent,
         };
-        let generator = Generator::new(sizes, &mut rng, &training_device());
-        let discriminator = Discriminator::new(config.discriminator_channels, &mut rng, &training_device());
         let training = Training {
             learning_rate: config.learning_rate,
             average_decay: config.average_decay.unwrap_or(0.0),
             ..Training::default()
         };
         Self {
-            networks: Adversaries::new(generator, discriminator, training),
+            networks: Adversaries::new(sizes, config.discriminator_channels, training, &mut rng),
             rng,
             n_cells: 0,
         }
@@ -80,13 +72,10 @@ impl Proxy {
         for step in 0..steps {
             let batch = self.drawn(real, config.batch);
             let noise = latents(config.batch, config.latent, &mut self.rng);
-            critic += f64::from(
-                self.networks
-                    .critic_step(Tensor::from_inner(batch), Tensor::from_inner(noise)),
-            );
+            critic += self.networks.critic_step(&batch, &noise);
             if step.is_multiple_of(config.critic_steps_per_generator_step) {
                 let noise = latents(config.generator_batch, config.latent, &mut self.rng);
-                generator += f64::from(self.networks.generator_step(Tensor::from_inner(noise)));
+                generator += self.networks.generator_step(&noise);
                 n_generator += 1;
             }
         }
@@ -98,23 +87,19 @@ impl Proxy {
         }
     }
 
-    fn drawn(&mut self, real: &Images, count: usize) -> Tensor<4> {
+    fn drawn(&mut self, real: &Images, count: usize) -> Vec<f32> {
         let n = real.count() as u64;
         // Below the number of images, which is a usize.
         let rows: Vec<usize> = (0..count).map(|_| self.rng.random_range(0..n) as usize).collect();
-        let size = real.size();
-        Tensor::from_data(
-            TensorData::new(real.batch(&rows), [count, size, size, 3]),
-            &device(),
-        )
+        real.batch(&rows)
     }
 
     /// The generator that is scored: the averaged one where an average is kept.
-    fn shown(&self, config: &Config) -> Generator {
+    fn shown(&self, config: &Config) -> FinishedGenerator {
         if config.average_decay.is_some() && self.n_cells > 0 {
             self.networks.averaged_generator()
         } else {
-            self.networks.generator().valid()
+            self.networks.trained_generator()
         }
     }
 
@@ -123,18 +108,16 @@ impl Proxy {
     /// # Errors
     /// Errors of the scoring.
     pub(super) fn look(&self, config: &Config, scoring: &Arc<Scoring>) -> Result<GeneratorEvaluation, Error> {
-        let generator = self.shown(config);
+        let mut generator = self.shown(config);
         let stage = generator.side();
         let mut seen = scoring.begin(stage);
         let mut sums = vec![0.0; config.generator_channels];
         let mut finite = true;
         for (batch, first) in (0..config.scored_images).step_by(ROWS).enumerate() {
             let count = ROWS.min(config.scored_images - first);
-            let generated = generator.evaluate(fixed_latents(batch, count, config.latent));
-            finite &= values(generated.images.clone())
-                .iter()
-                .all(|number| number.is_finite());
-            let features = generated.central_features();
+            let generated = generator.evaluate(&fixed_latents(batch, count, config.latent));
+            finite &= generated.images.iter().all(|number| number.is_finite());
+            let features = generated.central_features;
             finite &= features.iter().all(|number| number.is_finite());
             if !finite {
                 break;
@@ -144,7 +127,7 @@ impl Proxy {
             sums.iter_mut()
                 .zip(&features)
                 .for_each(|(sum, feature)| *sum += share * f64::from(*feature));
-            seen.add(scoring, generated.images)?;
+            seen.add(scoring, &generated.images)?;
         }
         if !finite {
             return Ok(GeneratorEvaluation {
@@ -162,14 +145,14 @@ impl Proxy {
 
     /// The first scored images, as consecutive bytes.
     pub(super) fn samples(&self, config: &Config, count: usize) -> (usize, Vec<u8>) {
-        let generator = self.shown(config);
-        let images = generator.evaluate(fixed_latents(0, count, config.latent)).images;
-        (generator.side(), crate::images::to_bytes(&values(images)))
+        let mut generator = self.shown(config);
+        let images = generator.evaluate(&fixed_latents(0, count, config.latent)).images;
+        (generator.side(), crate::images::to_bytes(&images))
     }
 }
 
 /// Latent vectors number `batch` of those for scoring, which are the same for every generator.
-fn fixed_latents(batch: usize, count: usize, length: usize) -> Tensor<2> {
+fn fixed_latents(batch: usize, count: usize, length: usize) -> Vec<f32> {
     let mut rng = contract::random::stream(&["latent vectors to look at", &batch.to_string()]);
     latents(count, length, &mut rng)
 }

@@ -2,21 +2,19 @@
 
 use crate::{
     cache::Cache,
-    feature_network::{FeatureNetwork, NetworkSizes},
+    feature_network::{FeatureNetwork, ImageFeatures, NetworkSizes},
     images::Images,
     inception::{self, Inception},
     scores::{MomentSums, Moments, class_probabilities, frechet_distance, inception_score},
     source::{ImageFile, ImageSource, n_numbers, shrunk},
 };
-use burn::{
-    module::Module,
-    tensor::{Tensor, TensorData},
-};
 use contract::{Artifact, Error, artifact};
-use numerics::network::{device, values};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::{collections::BTreeMap, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, PoisonError},
+};
 
 /// Images that pass the network at once.
 const ROWS: usize = 100;
@@ -28,7 +26,7 @@ pub enum ScoringNetwork {
     /// The classifier that a trial with the agent `image_classifier` left.
     Classifier(Artifact<artifact::Policy>),
     /// Inception-v3 as pytorch-fid uses it, with the weights of a safetensors file: the network of published
-    /// scores. Its bits differ between processors.
+    /// scores.
     InceptionV3(ImageFile),
     /// The same form of network with random weights: its features distinguish images, its classes have no
     /// meaning.
@@ -55,7 +53,7 @@ impl ScoringNetwork {
     }
 }
 
-fn classifier(product: &Artifact<artifact::Policy>) -> Result<(FeatureNetwork, NetworkSizes), Error> {
+fn classifier(product: &Artifact<artifact::Policy>) -> Result<FeatureNetwork, Error> {
     FeatureNetwork::read(product.folder()?).map_err(|error| {
         let problem = format!("`{}` left no classifier of images: {error}", product.source());
         Error::config("sight.classifier", problem)
@@ -146,10 +144,7 @@ impl Scoring {
             let moments = scoring.moments_of(&images, reference.count, *stage)?;
             let grey = vec![0.0; ROWS * n_numbers(*stage)];
             let mut seen = ScoringSums::new(&scoring, *stage);
-            seen.add(
-                &scoring,
-                Tensor::from_data(TensorData::new(grey, [ROWS, *stage, *stage, 3]), &device()),
-            )?;
+            seen.add(&scoring, &grey)?;
             let grey = frechet_distance(&seen.moments.moments().map_err(score_error)?, &moments)
                 .map_err(score_error)?;
             scoring.grey.insert(*stage, grey.distance);
@@ -163,9 +158,7 @@ impl Scoring {
         let mut seen = ScoringSums::new(self, stage);
         let all: Vec<usize> = (0..count).collect();
         for rows in all.chunks(ROWS) {
-            let numbers = small.batch(rows);
-            let batch = Tensor::from_data(TensorData::new(numbers, [rows.len(), stage, stage, 3]), &device());
-            seen.add(self, batch)?;
+            seen.add(self, &small.batch(rows))?;
         }
         seen.moments.moments().map_err(score_error)
     }
@@ -190,13 +183,17 @@ impl Scoring {
 /// The network of a scoring.
 #[derive(Debug)]
 enum LoadedNetwork {
-    /// Boxed, since both are large.
-    Classifier(Box<FeatureNetwork>, NetworkSizes),
+    /// With the memory that it computes in.
+    Classifier(Box<Mutex<FeatureNetwork>>, NetworkSizes),
     InceptionV3(Box<Inception>),
 }
 
 impl LoadedNetwork {
     fn of(sight: &ScoringNetwork, size: usize, classes: usize) -> Result<Self, Error> {
+        let classifier_of = |network: FeatureNetwork| {
+            let form = network.form();
+            Self::Classifier(Box::new(Mutex::new(network)), form)
+        };
         match sight {
             ScoringNetwork::Untrained => {
                 let form = NetworkSizes {
@@ -205,15 +202,9 @@ impl LoadedNetwork {
                     classes,
                 };
                 let mut rng = contract::random::stream(&["untrained feature network"]);
-                Ok(Self::Classifier(
-                    Box::new(FeatureNetwork::new(form, &mut rng).valid()),
-                    form,
-                ))
+                Ok(classifier_of(FeatureNetwork::new(form, &mut rng)))
             }
-            ScoringNetwork::Classifier(product) => {
-                let (network, form) = classifier(product)?;
-                Ok(Self::Classifier(Box::new(network), form))
-            }
+            ScoringNetwork::Classifier(product) => classifier(product).map(classifier_of),
             ScoringNetwork::InceptionV3(weights) => {
                 let path = weights.file.path();
                 let network = Inception::read(path).map_err(|error| Error::Damaged {
@@ -226,14 +217,15 @@ impl LoadedNetwork {
         }
     }
 
-    /// Features `[batch, features]` and logits `[batch, classes]` of images.
-    fn see(&self, images: Tensor<4>) -> (Tensor<2>, Tensor<2>) {
+    /// Features `[batch, features]` and logits `[batch, classes]` of images `[batch, side, side, 3]`.
+    fn see(&self, images: &[f32], side: usize) -> ImageFeatures {
         match self {
-            Self::Classifier(network, form) => {
-                let seen = network.see_resized(images, *form);
-                (seen.features, seen.logits)
+            Self::Classifier(network, _) => {
+                // A pass changes no number of the network.
+                let mut network = network.lock().unwrap_or_else(PoisonError::into_inner);
+                network.see(images, side)
             }
-            Self::InceptionV3(network) => network.see(images),
+            Self::InceptionV3(network) => network.see(images, [side; 2]),
         }
     }
 
@@ -273,15 +265,13 @@ impl ScoringSums {
     ///
     /// # Errors
     /// [`Error::Model`] where a feature is not finite.
-    pub fn add(&mut self, scoring: &Scoring, images: Tensor<4>) -> Result<(), Error> {
-        let shape = images.dims();
-        let bytes = crate::images::to_bytes(&values(images));
+    pub fn add(&mut self, scoring: &Scoring, images: &[f32]) -> Result<(), Error> {
+        let bytes = crate::images::to_bytes(images);
         let shown: Vec<f32> = bytes.into_iter().map(crate::images::from_byte).collect();
-        let shown = Tensor::from_data(TensorData::new(shown, shape), &device());
-        let (features, logits) = scoring.network.see(shown);
+        let ImageFeatures { features, logits } = scoring.network.see(&shown, self.stage);
         self.probabilities
-            .extend(class_probabilities(&values(logits), scoring.network.n_classes()));
-        self.moments.add(&values(features)).map_err(score_error)
+            .extend(class_probabilities(&logits, scoring.network.n_classes()));
+        self.moments.add(&features).map_err(score_error)
     }
 
     /// Both scores of all images so far.
@@ -324,24 +314,21 @@ mod tests {
         })
     }
 
-    fn images(seed: u64, size: usize, numbers: usize) -> Tensor<4> {
+    fn images(seed: u64, size: usize, numbers: usize) -> Vec<f32> {
         let source: ImageSource =
             serde_json::from_value(json!({ "shapes": { "count": 300, "seed": seed } })).unwrap();
         let images = shrunk((*source.load(8).unwrap()).clone(), size).unwrap();
         let all: Vec<usize> = (0..numbers).collect();
-        Tensor::from_data(
-            TensorData::new(images.batch(&all), [numbers, size, size, 3]),
-            &device(),
-        )
+        images.batch(&all)
     }
 
     #[test]
     fn real_images_are_close_and_grey_ones_far() {
         let scoring = scoring(300).unwrap();
         for size in [4, 8] {
-            let scores = |images: Tensor<4>| {
+            let scores = |images: Vec<f32>| {
                 let mut seen = scoring.begin(size);
-                seen.add(&scoring, images).unwrap();
+                seen.add(&scoring, &images).unwrap();
                 seen.scores(&scoring).unwrap()
             };
             let same = scores(images(0, size, 300));
@@ -358,13 +345,14 @@ mod tests {
     #[test]
     fn bytes_are_what_is_seen() {
         let scoring = scoring(300).unwrap();
-        let of = |images: Tensor<4>| {
+        let of = |images: &[f32]| {
             let mut seen = scoring.begin(8);
             seen.add(&scoring, images).unwrap();
             seen.scores(&scoring).unwrap()
         };
         let exact = images(1, 8, 100);
-        assert_eq!(of(exact.clone()), of(exact + 1e-4));
+        let moved: Vec<f32> = exact.iter().map(|x| x + 1e-4).collect();
+        assert_eq!(of(&exact), of(&moved));
     }
 
     #[test]

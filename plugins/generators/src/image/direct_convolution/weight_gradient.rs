@@ -4,69 +4,93 @@
 //! A block of several weights of one run by 16 or 32 outputs is summed in registers over the pixels of a
 //! group of images, then added to the sums of the earlier groups.
 
-use super::{PANEL, Sizes, framed, load, starts, store, widths};
+use super::{PANEL, Sizes, framed, load, store, widths};
 use pulp::{Simd, WithSimd};
 
-/// Pass over `x` and the gradient in `y`.
+/// Gradient in `W` from `x` and the gradient in `y`. `starts` are [`Sizes::starts`]; `memory` is for intermediate
+/// numbers.
+///
+/// # Panics
+/// Where lengths do not fit.
+pub fn weight_gradient(
+    image: &[f32],
+    upstream: &[f32],
+    sizes: &Sizes,
+    starts: &[usize],
+    gradient: &mut [f32],
+    memory: &mut Vec<f32>,
+) {
+    let (n_outputs, width) = (sizes.n_outputs, sizes.n_outputs.next_multiple_of(PANEL));
+    let pass = |upstream: &[f32], sums: &mut [f32], frames: &mut [f32]| {
+        pulp::Arch::new().dispatch(WeightGradient {
+            image,
+            upstream,
+            sizes: *sizes,
+            starts,
+            width,
+            sums,
+            frames,
+        });
+    };
+    memory.clear();
+    if width == n_outputs {
+        memory.resize(sizes.frames(), 0.0);
+        return pass(upstream, gradient, memory);
+    }
+    // Rows are filled up with zeros to whole panels.
+    let [n_upstream, n_sums] = [sizes.n_result_pixels(), sizes.n_taps()].map(|rows| rows * width);
+    memory.resize(n_upstream + n_sums + sizes.frames(), 0.0);
+    let (filled, rest) = memory.split_at_mut(n_upstream);
+    let (sums, frames) = rest.split_at_mut(n_sums);
+    for (to, from) in filled
+        .chunks_exact_mut(width)
+        .zip(upstream.chunks_exact(n_outputs))
+    {
+        to[..n_outputs].copy_from_slice(from);
+    }
+    pass(filled, sums, frames);
+    for (to, from) in gradient.chunks_exact_mut(n_outputs).zip(sums.chunks_exact(width)) {
+        to.copy_from_slice(&from[..n_outputs]);
+    }
+}
+
+/// Pass over `x` and the gradient in `y`, for rows of `width` outputs.
 pub(super) struct WeightGradient<'a> {
     pub image: &'a [f32],
     pub upstream: &'a [f32],
     pub sizes: Sizes,
+    pub starts: &'a [usize],
+    pub width: usize,
+    pub sums: &'a mut [f32],
+    pub frames: &'a mut [f32],
 }
 
 impl WithSimd for WeightGradient<'_> {
-    type Output = Vec<f32>;
+    type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
-        let (n_outputs, width) = (self.sizes.n_outputs, self.sizes.n_outputs.next_multiple_of(PANEL));
-        if width == n_outputs {
-            return self.run(simd, self.upstream, width);
-        }
-        let sums = self.run(simd, &rows_of(self.upstream, n_outputs, width), width);
-        rows_of(&sums, width, n_outputs)
-    }
-}
-
-/// Rows of another width, padded with zeros or cut.
-fn rows_of(rows: &[f32], from: usize, to: usize) -> Vec<f32> {
-    let (common, mut other) = (from.min(to), vec![0.0; rows.len() / from * to]);
-    for (to, from) in other.chunks_exact_mut(to).zip(rows.chunks_exact(from)) {
-        to[..common].copy_from_slice(&from[..common]);
-    }
-    other
-}
-
-impl WeightGradient<'_> {
-    /// Gradient for rows of `width` outputs.
-    #[inline(always)]
-    fn run<S: Simd>(&self, simd: S, upstream: &[f32], width: usize) -> Vec<f32> {
-        let sizes = self.sizes;
-        let in_group = sizes.images_of_a_group();
-        let mut sums = vec![0.0; sizes.n_weights() / sizes.n_outputs * width];
-        let (mut frames, mut at) = (Vec::new(), Vec::new());
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (sizes, width) = (self.sizes, self.width);
+        let (in_group, [height, columns]) = (sizes.images_of_a_group(), sizes.result());
         let groups = self
             .image
-            .chunks(in_group * sizes.n_pixels() * sizes.n_inputs)
-            .zip(upstream.chunks(in_group * sizes.n_pixels() * width));
-        for (group, upstream) in groups {
-            let n_pixels = upstream.len() / width;
-            if at.len() != n_pixels {
-                at = starts(n_pixels / sizes.n_pixels(), &sizes);
-            }
+            .chunks(in_group * sizes.height * sizes.width * sizes.n_inputs);
+        let upstream = self.upstream.chunks(in_group * height * columns * width);
+        self.sums.fill(0.0);
+        for (group, upstream) in groups.zip(upstream) {
             let group = Group {
-                frames: framed(group, &sizes, &mut frames),
-                at: &at,
+                frames: framed(group, &sizes, self.frames),
+                at: &self.starts[..upstream.len() / width],
                 upstream,
                 width,
             };
             for column in widths(width) {
-                for (ky, sums) in sums.chunks_exact_mut(sizes.run() * width).enumerate() {
+                let runs = self.sums.chunks_exact_mut(sizes.run() * width);
+                for (ky, sums) in runs.enumerate() {
                     group.add(simd, ky * sizes.frame_row(), column, sums);
                 }
             }
         }
-        sums
     }
 }
 
@@ -117,7 +141,7 @@ impl Group<'_> {
             for (sums, x) in (0..K).zip(x) {
                 let x = simd.splat_f32s(*x);
                 for r in 0..R {
-                    block[sums][r] = simd.mul_add_e_f32s(x, dy[r], block[sums][r]);
+                    block[sums][r] = simd.mul_add_f32s(x, dy[r], block[sums][r]);
                 }
             }
         }
