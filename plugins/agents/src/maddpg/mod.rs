@@ -44,7 +44,7 @@ pub use exploration::Noise;
 use exploration::Exploration;
 
 use crate::shared::{
-    batch::{BatchInputs, BatchRows},
+    batch::{Batch, BatchInputs},
     bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     joint::JointLayout,
@@ -190,7 +190,7 @@ impl Maddpg {
 }
 
 /// A batch for one seat, with the rewards that its config asks for.
-fn drawn(replay: &Replay, n_rows: usize, config: &Config, rng: &mut Rng) -> BatchRows {
+fn drawn(replay: &Replay, n_rows: usize, config: &Config, rng: &mut Rng) -> Batch {
     let mut batch = replay.draw_distinct(n_rows, rng);
     if config.reward_normalisation {
         replay.standardise_rewards(&mut batch);
@@ -213,7 +213,7 @@ impl Seat {
     ) -> Self {
         let seen = config.policy_sight.columns(layout, seat);
         let mut network = |what: &str, inputs, outputs, gain| {
-            let network = config.hidden().described(of_seat(seat, what), inputs, outputs);
+            let network = config.hidden().network(of_seat(seat, what), inputs, outputs);
             network.initialise(gain, state, rng);
             network
         };
@@ -371,12 +371,12 @@ impl Agent for Maddpg {
         Ok(())
     }
 
-    checkpoint::keeps_state!(NAME; counters: exploration);
+    checkpoint::keeps!(NAME; counters: exploration);
 
     /// Writes one file per seat, in a folder with the seat's name.
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         for (at, seat) in self.learner.seats.iter().enumerate() {
-            let policy = Policy::of_state(&seat.policy, &self.state, self.ports(at), Head::Tanh);
+            let policy = Policy::new(&seat.policy, &self.state, self.ports(at), Head::Tanh);
             policy
                 .write(&self.learner.layout.folder(dir, at)?)
                 .map_err(checkpoint::error_of(NAME))?;
@@ -387,7 +387,7 @@ impl Agent for Maddpg {
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
         for (at, seat) in self.learner.seats.iter().enumerate() {
             let (ports, folder) = (self.ports(at), self.learner.layout.place(dir, at));
-            checkpoint::import_network(NAME, &seat.policy, &mut self.state, &folder, &ports, Head::Tanh)?;
+            checkpoint::import_policy(NAME, &seat.policy, &mut self.state, &folder, &ports, Head::Tanh)?;
         }
         Ok(true)
     }

@@ -8,7 +8,7 @@ use crate::shared::{
     joint::ObservationScope,
 };
 use contract::random::stream;
-use numerics::network::Activation;
+use numerics::activation::Activation;
 
 fn tiny() -> Config {
     Config {
@@ -25,7 +25,7 @@ fn agent(config: Config) -> Maddpg {
     Maddpg::new(config, &game::game(), &mut stream(&["maddpg"])).unwrap()
 }
 
-fn trained(config: Config) -> (Maddpg, BatchRows) {
+fn trained(config: Config) -> (Maddpg, Batch) {
     let mut agent = agent(config);
     game::train(&mut agent, 6, &mut stream(&["some"]));
     let batch = agent.replay.draw_distinct(8, &mut stream(&["batch"]));
@@ -60,7 +60,7 @@ fn the_target_uses_all_target_networks() {
     let [last] = outputs(
         ["target"],
         &agent.state,
-        &BatchRows {
+        &Batch {
             continues: vec![0.0; 8],
             ..batch.clone()
         },

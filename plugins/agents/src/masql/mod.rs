@@ -51,7 +51,7 @@ pub use config::{Config, EvaluationAction};
 use seat::Seat;
 
 use crate::shared::{
-    batch::{BatchInputs, BatchRows},
+    batch::{Batch, BatchInputs},
     bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     joint::JointLayout,
@@ -203,7 +203,7 @@ impl Masql {
 }
 
 /// A batch for one seat, with the rewards that its config asks for.
-fn drawn(replay: &Replay, n_rows: usize, config: &Config, rng: &mut Rng) -> BatchRows {
+fn drawn(replay: &Replay, n_rows: usize, config: &Config, rng: &mut Rng) -> Batch {
     let mut batch = replay.draw_distinct(n_rows, rng);
     if config.reward_normalisation {
         replay.standardise_rewards(&mut batch);
@@ -327,7 +327,7 @@ impl Agent for Masql {
         Ok(())
     }
 
-    checkpoint::keeps_state!(NAME);
+    checkpoint::keeps!(NAME);
 
     /// Writes one file per seat, in a folder with the seat's name. Inputs are the observation and then
     /// standard normal noise, one number per entry of the joint action. Outputs are the joint action, of
@@ -336,7 +336,7 @@ impl Agent for Masql {
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let misfit = checkpoint::error_of(NAME);
         for (at, seat) in self.learner.seats.iter().enumerate() {
-            let policy = Policy::of_state(&seat.sampler, &self.state, self.ports(at), Head::Tanh);
+            let policy = Policy::new(&seat.sampler, &self.state, self.ports(at), Head::Tanh);
             let folder = self.learner.layout.folder(dir, at)?;
             policy.write(&folder).map_err(&misfit)?;
             let mut critic = TensorFile::default();
@@ -350,7 +350,7 @@ impl Agent for Masql {
         let misfit = checkpoint::error_of(NAME);
         for (at, seat) in self.learner.seats.iter().enumerate() {
             let (ports, folder) = (self.ports(at), self.learner.layout.place(dir, at));
-            checkpoint::import_network(NAME, &seat.sampler, &mut self.state, &folder, &ports, Head::Tanh)?;
+            checkpoint::import_policy(NAME, &seat.sampler, &mut self.state, &folder, &ports, Head::Tanh)?;
             let critic = TensorFile::read(&folder.join(CRITIC_FILE)).map_err(&misfit)?;
             restore_network(&seat.critic, CRITIC, &mut self.state, &critic).map_err(&misfit)?;
         }

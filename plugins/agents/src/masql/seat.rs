@@ -60,7 +60,7 @@ impl Seat {
         let (seen, n_acted) = (config.sight.columns(layout, seat), layout.n_acted());
         let mut network = |what: &str, outputs| {
             let inputs = seen.len() + n_acted;
-            let network = config.hidden().described(of_seat(seat, what), inputs, outputs);
+            let network = config.hidden().network(of_seat(seat, what), inputs, outputs);
             network.initialise(1.0, state, rng);
             network
         };

@@ -8,7 +8,7 @@ use crate::shared::{
     joint::ObservationScope,
 };
 use contract::random::stream;
-use numerics::network::Activation;
+use numerics::activation::Activation;
 use plan::{Equations, Processor};
 
 fn tiny() -> Config {
@@ -32,7 +32,7 @@ fn agent(config: Config) -> Masql {
     Masql::new(config, &game::game(), &mut stream(&["masql"])).unwrap()
 }
 
-fn trained(config: Config) -> (Masql, BatchRows) {
+fn trained(config: Config) -> (Masql, Batch) {
     let mut agent = agent(config);
     game::train(&mut agent, 6, &mut stream(&["some"]));
     let batch = agent.replay.draw_distinct(8, &mut stream(&["batch"]));

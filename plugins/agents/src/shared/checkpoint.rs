@@ -3,8 +3,6 @@
 use contract::Error;
 use numerics::{
     equations::{network::Network, state_file},
-    network::Mlp,
-    optimizer::TrainedNetwork,
     policy_file::{self, Head, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
@@ -43,54 +41,10 @@ pub fn read<C: DeserializeOwned>(agent: &'static str, dir: &Path) -> Result<(Ten
     Ok((file, counters))
 }
 
-/// Implements `updates`, `save` and `load` for a learner that trains from a replay buffer by a schedule. The
-/// macro takes one list of the learner's fields: networks with their optimisers, target networks, and
-/// counters. The learner has a `config` with `learning_starts` and `updates_per_step`, a `schedule` and a
-/// `replay`.
-macro_rules! keeps {
-    ($name:expr; trained: $($trained:ident),+; targets: $($target:ident),+; counters: $($counter:ident),*) => {
-        fn updates(&self) -> Option<Updates> {
-            let (first, per_step) = (self.config.learning_starts, self.config.updates_per_step);
-            Some(self.schedule.updates(first, per_step))
-        }
-
-        fn save(&self, dir: &Path) -> Result<(), Error> {
-            let mut file = TensorFile::default();
-            $(self.$trained.store(stringify!($trained), &mut file);)+
-            $(store(&self.$target, stringify!($target), &mut file);)+
-            self.replay.store(&mut file);
-            checkpoint::write($name, dir, file, &checkpoint::keeps!(@save self; $($counter),*))
-        }
-
-        fn load(&mut self, dir: &Path) -> Result<(), Error> {
-            let (file, counters): (_, serde_json::Value) = checkpoint::read($name, dir)?;
-            let misfit = checkpoint::error_of($name);
-            $(self.$trained.restore(stringify!($trained), &file).map_err(&misfit)?;)+
-            $(self.$target = restore(self.$target.clone(), stringify!($target), &file).map_err(&misfit)?;)+
-            self.replay.restore(&file).map_err(&misfit)?;
-            checkpoint::keeps!(@load self, $name, counters; $($counter),*);
-            Ok(())
-        }
-    };
-    // A schedule without counters is stored without a name.
-    (@save $self:ident;) => { $self.schedule };
-    (@save $self:ident; $($counter:ident),+) => {
-        serde_json::json!({ $(stringify!($counter): $self.$counter,)+ "schedule": $self.schedule })
-    };
-    (@load $self:ident, $name:expr, $counters:ident;) => {
-        $self.schedule = checkpoint::counter($name, &$counters)?;
-    };
-    (@load $self:ident, $name:expr, $counters:ident; $($counter:ident),+) => {
-        $($self.$counter = checkpoint::counter($name, &$counters[stringify!($counter)])?;)+
-        $self.schedule = checkpoint::counter($name, &$counters["schedule"])?;
-    };
-}
-pub(crate) use keeps;
-
 /// Implements `updates`, `save` and `load` for a learner that trains from a replay buffer by a schedule. The learner has
 /// the fields `state`, `replay` and `schedule`, a `config` with `learning_starts` and `updates_per_step`, and the
 /// counters that are listed.
-macro_rules! keeps_state {
+macro_rules! keeps {
     ($name:expr $(; counters: $($counter:ident),+)?) => {
         fn updates(&self) -> Option<Updates> {
             let (first, per_step) = (self.config.learning_starts, self.config.updates_per_step);
@@ -113,15 +67,27 @@ macro_rules! keeps_state {
             Ok(())
         }
     };
+    // A schedule without counters is stored without a name.
+    (@save $self:ident;) => { $self.schedule };
+    (@save $self:ident; $($counter:ident),+) => {
+        serde_json::json!({ $(stringify!($counter): $self.$counter,)+ "schedule": $self.schedule })
+    };
+    (@load $self:ident, $name:expr, $counters:ident;) => {
+        $self.schedule = checkpoint::counter($name, &$counters)?;
+    };
+    (@load $self:ident, $name:expr, $counters:ident; $($counter:ident),+) => {
+        $($self.$counter = checkpoint::counter($name, &$counters[stringify!($counter)])?;)+
+        $self.schedule = checkpoint::counter($name, &$counters["schedule"])?;
+    };
 }
-pub(crate) use keeps_state;
+pub(crate) use keeps;
 
 /// Loads the network of the policy file in `dir` into a state; `ports` and `head` are those that the agent itself would
 /// write.
 ///
 /// # Errors
 /// Those of [`read_policy`], and [`Error::Checkpoint`] for a network of another shape.
-pub fn import_network(
+pub fn import_policy(
     agent: &'static str,
     policy: &Network,
     state: &mut State<f32>,
@@ -139,24 +105,6 @@ pub fn import_network(
 /// [`Error::Checkpoint`] where the value has another type.
 pub fn counter<C: DeserializeOwned>(agent: &'static str, value: &serde_json::Value) -> Result<C, Error> {
     C::deserialize(value).map_err(|source| misfit(agent, source))
-}
-
-/// Loads the network of the policy file in `dir` into `policy`; `ports` and `head` are those that the agent
-/// itself would write.
-///
-/// # Errors
-/// Those of [`read_policy`], and [`Error::Checkpoint`] for a network of another shape.
-pub fn import_policy(
-    agent: &'static str,
-    policy: &mut TrainedNetwork<Mlp>,
-    dir: &Path,
-    ports: &Ports,
-    head: Head,
-) -> Result<(), Error> {
-    let file = read_policy(agent, dir, ports, head)?;
-    policy
-        .restore_network(policy_file::PREFIX, &file)
-        .map_err(error_of(agent))
 }
 
 /// Reads the policy file in `dir`; `ports` and `head` are those that the agent itself would write.

@@ -10,8 +10,8 @@
 //! `Q_tot = elu(Q |W_1(s)| + b_1(s)) |W_2(s)| + b_2(s)`; the three first are affine in s, the last has a hidden layer
 //! (Rashid et al. 2018, section 4 and figure 2).
 
+use numerics::activation::Activation;
 use numerics::equations::network::Network;
-use numerics::network::Activation;
 use plan::{Expression, State};
 use rand::RngCore;
 

@@ -247,7 +247,7 @@ impl ValueDecomposition {
         let (n, n_state) = (team.n_seats, team.state.n_channels());
         let mut state = State::default();
         let inputs = team.observation.n_channels() + n;
-        let seat = config.hidden().described("seat", inputs, team.n_choices);
+        let seat = config.hidden().network("seat", inputs, team.n_choices);
         seat.initialise(1.0, &mut state, rng);
         let mixer = (config.mixing == ValueMixing::Monotonic)
             .then(|| MonotonicMixer::new([n_state, n, config.mixing_width], &mut state, rng));
@@ -363,14 +363,14 @@ impl Agent for ValueDecomposition {
         self.config.mixing == ValueMixing::Monotonic
     }
 
-    checkpoint::keeps_state!(NAME);
+    checkpoint::keeps!(NAME);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let team = &self.learner.team;
         for (seat, _) in &team.seats {
             let folder = dir.join(seat);
             std::fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-            Policy::of_state(
+            Policy::new(
                 &self.learner.networks.seat,
                 &self.state,
                 team.ports(),
@@ -386,7 +386,7 @@ impl Agent for ValueDecomposition {
         let (network, ports) = (&self.learner.networks.seat, self.learner.team.ports());
         for (seat, _) in &self.learner.team.seats {
             let folder = dir.join(seat);
-            checkpoint::import_network(NAME, network, &mut self.state, &folder, &ports, Head::Argmax)?;
+            checkpoint::import_policy(NAME, network, &mut self.state, &folder, &ports, Head::Argmax)?;
         }
         Ok(true)
     }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::shared::{
-    batch::BatchRows,
+    batch::Batch,
     gradient_checks::{assert_gradient, outputs},
 };
 use contract::{Channel, End, Seat, Space, random::stream};
@@ -113,7 +113,7 @@ fn agent(config: Config) -> ValueDecomposition {
     ValueDecomposition::new(config, &two_step::interface(), &mut stream(&["decomposition"])).unwrap()
 }
 
-fn trained(mixing: ValueMixing) -> (ValueDecomposition, BatchRows) {
+fn trained(mixing: ValueMixing) -> (ValueDecomposition, Batch) {
     let mut agent = agent(tiny(mixing));
     two_step::train(&mut agent, 100, &mut stream(&["some"]));
     let batch = agent.replay.draw_distinct(6, &mut stream(&["batch"]));

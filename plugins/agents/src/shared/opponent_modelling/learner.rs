@@ -1,7 +1,7 @@
 //! The agent: acting, the updates and their batches, storing.
 
 use super::{Algorithm, Game, GaussianNetwork, Player, Settings, of_seat, prediction_error};
-use crate::shared::batch::BatchRows;
+use crate::shared::batch::Batch;
 use crate::shared::checkpoint::{self, finite};
 use crate::shared::joint::JointLayout;
 use crate::shared::replay::Replay;
@@ -167,7 +167,7 @@ impl<A: Algorithm> Learner<A> {
 #[derive(Debug, Clone)]
 pub(crate) struct Batches {
     pub(crate) n_rows: usize,
-    pub(crate) of_seats: Vec<BatchRows>,
+    pub(crate) of_seats: Vec<Batch>,
 }
 
 impl Batches {
@@ -249,7 +249,7 @@ impl<A: Algorithm> Agent for Learner<A> {
             .collect())
     }
 
-    checkpoint::keeps_state!(A::NAME);
+    checkpoint::keeps!(A::NAME);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         self.exported()
