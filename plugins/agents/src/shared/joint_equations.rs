@@ -6,18 +6,9 @@
 //! | a = (a_1, ..., a_N) | joint action, the seats one after the other | `[batch, n_acted]` |
 
 use super::joint::JointLayout;
-use contract::Observation;
 use plan::Expression;
 
 impl JointLayout {
-    /// Joint observations row by row, `[rows, n_observed]`.
-    #[must_use]
-    #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-    pub fn observation_rows(&self, rows: &[Observation]) -> Vec<f32> {
-        let seats = rows.iter().flat_map(|observation| &observation.seats);
-        seats.flatten().map(|entry| *entry as f32).collect()
-    }
-
     /// Joint actions with the columns of one seat replaced by `action` `[batch, ..]`.
     #[must_use]
     pub fn exchanged<'e>(
@@ -42,6 +33,7 @@ impl JointLayout {
 mod tests {
     use super::super::coordination::interface;
     use super::*;
+    use contract::Observation;
     use plan::{Equations, Processor, State};
 
     #[test]
