@@ -97,19 +97,13 @@ impl<A: Algorithm> Learner<A> {
 
     /// Updates every seat once, then the target critics.
     pub(crate) fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let (game, config, algorithm) = (&self.game, &self.config, &self.algorithm);
+        let (game, algorithm, config) = (&self.game, &self.algorithm, &self.config);
         let batches = self.batches(rng);
         // The first update has no latest gradient to repeat; its plan serves once.
         let is_first = config.stale_policy_step && !game.players[0].policy.has_stepped(&self.state);
         let mut once = Plans::default();
         let plans = if is_first { &mut once } else { &mut self.learning };
-        let plan = plans.of_rows(batches.n_rows, |equations| {
-            equations.routine("update");
-            game.update(
-                algorithm,
-                &game.updates(config, equations, batches.n_rows, !is_first),
-            );
-        });
+        let plan = game.learning(plans, algorithm, config, batches.n_rows, !is_first);
         batches.write(plan);
         plan.run_seeded("update", &mut self.state, rng.next_u64());
         for seat in 0..game.players.len() {
@@ -247,6 +241,12 @@ impl<A: Algorithm> Agent for Learner<A> {
         Ok(errors
             .map(|row| row.iter().map(|error| f64::from(*error)).collect())
             .collect())
+    }
+
+    fn plan(&mut self) -> Option<String> {
+        let (game, algorithm, config) = (&self.game, &self.algorithm, &self.config);
+        let plan = game.learning(&mut self.learning, algorithm, config, config.batch_size, true);
+        Some(plan.graph().to_string())
     }
 
     checkpoint::keeps!(A::NAME);

@@ -41,7 +41,7 @@ pub(crate) use seat_update::of_seat;
 
 use super::joint::{JointLayout, ObservationScope};
 use contract::{Metric, Mode, Rng};
-use plan::{Equations, Expression, State};
+use plan::{Equations, Expression, Plans, Processor, State};
 
 /// Metric of [`contract::Agent::assess`]: mean squared difference between predicted and actual actions of the others.
 pub const PREDICTION_ERROR: &str = "opponent_prediction_error";
@@ -254,14 +254,23 @@ impl Game {
         equations.output("errors", equations.join(&seats().map(error).collect::<Vec<_>>()));
     }
 
-    /// One update of every seat, then of the target critics.
-    fn update<A: Algorithm>(&self, algorithm: &A, updates: &[SeatUpdate<'_, '_>]) {
-        for update in updates {
-            algorithm.improve(*update);
-        }
-        for update in updates {
-            let (critic, equations) = (&update.player().critic, update.batch.observations.equations());
-            critic.follow(equations, update.settings.target_smoothing);
-        }
+    /// Plan of one update of every seat, then of the target critics.
+    fn learning<'p, A: Algorithm>(
+        &self,
+        plans: &'p mut Plans,
+        algorithm: &A,
+        settings: &Settings,
+        n_rows: usize,
+        repeats: bool,
+    ) -> &'p mut Processor<f32> {
+        plans.of_rows(n_rows, |equations| {
+            equations.routine("update");
+            for update in self.updates(settings, equations, n_rows, repeats) {
+                algorithm.improve(update);
+            }
+            for player in &self.players {
+                player.critic.follow(equations, settings.target_smoothing);
+            }
+        })
     }
 }
