@@ -90,10 +90,10 @@ const ARROWS: [(&str, &[&str]); 25] = [
     ("engine/testing", &["analysis", "contract"]),
     ("plugins/arithmetic", &[]),
     ("plugins/plan", &["arithmetic"]),
-    ("plugins/numerics", &[]),
+    ("plugins/numerics", &["arithmetic", "plan"]),
     ("plugins/protocols", &["contract", "document", "statistics"]),
     ("plugins/environments", &["contract", "document", "statistics"]),
-    ("plugins/agents", &["contract", "numerics"]),
+    ("plugins/agents", &["contract", "numerics", "plan"]),
     ("plugins/estimators", &["contract", "environments", "numerics"]),
     (
         "plugins/generators",
