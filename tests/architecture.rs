@@ -92,9 +92,12 @@ const ARROWS: [(&str, &[&str]); 25] = [
     ("plugins/plan", &["arithmetic"]),
     ("plugins/numerics", &["arithmetic", "plan"]),
     ("plugins/protocols", &["contract", "document", "statistics"]),
-    ("plugins/environments", &["contract", "document", "statistics"]),
+    ("plugins/environments", &["arithmetic", "contract", "document"]),
     ("plugins/agents", &["contract", "numerics", "plan"]),
-    ("plugins/estimators", &["contract", "environments", "numerics"]),
+    (
+        "plugins/estimators",
+        &["arithmetic", "contract", "environments", "numerics"],
+    ),
     (
         "plugins/generators",
         &["arithmetic", "contract", "numerics", "plan", "statistics"],
@@ -241,6 +244,112 @@ fn foreign_words(path: &Path, text: &str) -> Vec<String> {
     imports.chain(words).map(|it| format!("{name}: {it}")).collect()
 }
 
+/// Folders whose code computes numbers of trials, and files of `numerics` that do.
+const OF_TRIALS: [&str; 3] = [
+    "plugins/environments/src",
+    "plugins/estimators/src",
+    "plugins/protocols/src",
+];
+const OF_NUMERICS: [&str; 7] = [
+    "dirichlet.rs",
+    "gamma.rs",
+    "gauss_hermite.rs",
+    "gaussian.rs",
+    "matrices.rs",
+    "special.rs",
+    "unscented.rs",
+];
+
+/// Methods of numbers that call the C library or leave an order of operations open, and replacements of them.
+const REPLACED: [(&str, &str); 29] = [
+    ("exp", "arithmetic::double::exp(x)"),
+    ("exp_m1", "arithmetic::double::exp_m1(x)"),
+    ("exp2", "arithmetic::power::pow(2.0, x)"),
+    ("ln", "arithmetic::double::ln(x)"),
+    ("ln_1p", "arithmetic::double::ln_1p(x)"),
+    ("log", "arithmetic::double::ln(x) / arithmetic::double::ln(base)"),
+    (
+        "log2",
+        "arithmetic::double::ln(x) * LOG2_E, which rounds otherwise",
+    ),
+    (
+        "log10",
+        "arithmetic::double::ln(x) * LOG10_E, which rounds otherwise",
+    ),
+    ("powf", "arithmetic::power::pow(x, y)"),
+    ("powi", "a product, or arithmetic::power::powi(x, n)"),
+    ("cbrt", "arithmetic::power::pow(x, 1.0 / 3.0)"),
+    ("hypot", "(x * x + y * y).sqrt()"),
+    ("tanh", "arithmetic::double::tanh(x)"),
+    ("sin", "arithmetic::trigonometry::sin(x)"),
+    ("cos", "arithmetic::trigonometry::cos(x)"),
+    ("sin_cos", "sin and cos of arithmetic::trigonometry"),
+    ("tan", "sin(x) / cos(x) of arithmetic::trigonometry"),
+    ("sinh", "exp_m1 of arithmetic::double"),
+    ("cosh", "exp of arithmetic::double"),
+    ("asin", "a function that is new in arithmetic"),
+    ("acos", "a function that is new in arithmetic"),
+    ("atan", "a function that is new in arithmetic"),
+    ("atan2", "a function that is new in arithmetic"),
+    ("asinh", "ln and ln_1p of arithmetic::double"),
+    ("acosh", "ln of arithmetic::double"),
+    ("atanh", "ln_1p of arithmetic::double"),
+    ("gamma", "arithmetic::gamma"),
+    ("ln_gamma", "arithmetic::gamma::ln_gamma(x)"),
+    ("mul_add", "x * y + z, or a chain of arithmetic::products"),
+];
+
+/// So that a trial's numbers have the same bits on every processor and with every C library.
+#[test]
+fn numbers_of_trials_are_computed_by_our_own_functions() {
+    let mut found = Vec::new();
+    for folder in OF_TRIALS {
+        visit(&repository().join(folder), &mut |path, text| {
+            found.extend(calls_of_the_c_library(path, text));
+        });
+    }
+    let numerics = repository().join("plugins/numerics/src");
+    for path in OF_NUMERICS.map(|name| numerics.join(name)) {
+        let text = std::fs::read_to_string(&path).unwrap();
+        found.extend(calls_of_the_c_library(&path, &text));
+    }
+    assert_eq!(found, [""; 0]);
+    let line = "let x = y.exp().ln_1p() + z.map(f64::sqrt).map(f64::tanh); // w.sin()";
+    assert_eq!(calls_of_the_c_library(Path::new("it.rs"), line).len(), 3);
+}
+
+/// Calls of methods of [`REPLACED`] in a file, outside comments and tests, with their lines and replacements.
+fn calls_of_the_c_library(path: &Path, text: &str) -> Vec<String> {
+    let is_test = path.iter().any(|part| {
+        let part = part.to_string_lossy();
+        part == "tests" || part.ends_with("tests.rs")
+    });
+    if is_test {
+        return Vec::new();
+    }
+    let lines: Vec<&str> = text.lines().collect();
+    let end = lines.windows(2).position(begins_tests).unwrap_or(lines.len());
+    let mut found = Vec::new();
+    for (number, line) in (1..).zip(&lines[..end]) {
+        let line = line.split("//").next().unwrap_or_default();
+        for (method, replacement) in REPLACED.iter().filter(|(method, _)| calls(line, method)) {
+            let place = format!("{}:{number}", path.display());
+            found.push(format!("{place}: `{method}` in place of {replacement}"));
+        }
+    }
+    found
+}
+
+/// Whether a line calls a method of a number, or names it as `f64::method`.
+fn calls(line: &str, method: &str) -> bool {
+    let is_named = |kind: &str| {
+        let name = format!("{kind}::{method}");
+        let mut places = line.match_indices(&name);
+        places.any(|(place, _)| line[place + name.len()..].chars().next().is_none_or(is_no_letter))
+    };
+    line.contains(&format!(".{method}(")) || is_named("f64") || is_named("f32")
+}
+
 /// A module can be read without those above it, and moved: none imports one that imports it.
 #[test]
 fn no_modules_at_the_top_of_a_crate_import_each_other_in_a_circle() {
@@ -310,9 +419,12 @@ fn code(text: &str) -> String {
         .lines()
         .filter(|line| !line.trim_start().starts_with("//"))
         .collect();
-    let begins_tests = |pair: &[&str]| pair[0] == "#[cfg(test)]" && pair[1].ends_with("mod tests {");
     let end = lines.windows(2).position(begins_tests);
     lines[..end.unwrap_or(lines.len())].join("\n")
+}
+
+fn begins_tests(pair: &[&str]) -> bool {
+    pair[0] == "#[cfg(test)]" && pair[1].ends_with("mod tests {")
 }
 
 /// The names of the root of a crate that the code of a module names, which lies so many modules below the root.

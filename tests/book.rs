@@ -10,7 +10,7 @@ use crate::{
 use cli::describe::markdown;
 use document::diagnostic::render;
 use numerics::{
-    network::{Activation, Mlp, device},
+    activation::Activation,
     policy_file::{Head, Policy, Ports},
 };
 use plugins::registry;
@@ -335,14 +335,13 @@ fn the_reader_of_the_book_reads_every_head() {
         .map(|(index, head)| {
             let mut rng = ChaCha8Rng::seed_from_u64(index as u64);
             let activations = [Activation::Tanh, Activation::LeakyRelu, Activation::Relu];
-            let network = Mlp::new(&[3, 8, 8, 8, 6], &activations, 1.0, &mut rng, &device());
             let ports = Ports {
                 inputs: words("seen"),
                 center: vec![1.0, -2.0, 0.5],
                 spread: vec![0.5, 3.0, 1.0],
                 outputs: words("done"),
             };
-            let mut policy = Policy::new(&network, ports, *head);
+            let mut policy = Policy::untrained(&[3, 8, 8, 8, 6], &activations, ports, *head, &mut rng);
             if *head == Head::Identity {
                 policy = policy.in_units(vec![700.0, 0.0, 1.0], vec![5.0, 2.0, 1.0]);
             }

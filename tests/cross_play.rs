@@ -6,7 +6,8 @@ use crate::{
     shrunk::shrunk,
 };
 use contract::{
-    Action, Agent, Environment, Mode, Observation, Recorder, Registry, Transition, random::stream,
+    Action, Agent, Environment, Mode, Observation, Recorder, Registry, Transition,
+    complete_config::CompleteConfig, random::stream,
 };
 use plugins::registry;
 use serde_json::{Value, json};
@@ -359,7 +360,7 @@ fn policies_by_seat_are_acknowledged_and_checked() {
 }
 
 /// The default config with small networks.
-fn small(registry: &Registry, agent: &str) -> Value {
+fn small(registry: &Registry, agent: &str) -> CompleteConfig {
     let (about, values) = (
         &registry.agents[agent].about,
         json!({"width": 5, "batch_size": 4, "learning_starts": 8}),
@@ -370,7 +371,7 @@ fn small(registry: &Registry, agent: &str) -> Value {
         .unwrap()
         .iter()
         .all(|(key, value)| config[key] == *value);
-    assert!(taken, "{agent}: {config}");
+    assert!(taken, "{agent}: {config:?}");
     config
 }
 

@@ -37,7 +37,7 @@ fn learn(
         assert!(part.files.is_empty() && part.artifacts.is_empty(), "{name}");
         part.config.clone()
     };
-    let mut protocol = Value::clone(&find("protocol", &key.protocol));
+    let mut protocol = find("protocol", &key.protocol);
     (protocol["steps"], protocol["leave_checkpoint"]) = (json!(steps), json!(true));
     if let Some(from) = from {
         protocol["go_on_from"] = json!({ "from": "before", "product": "checkpoint", "folder": from });

@@ -8,7 +8,7 @@
 //! let Some(pdftotext) = needs::program("pdftotext") else { return };
 //! ```
 
-pub(crate) use crate::skipped::{note, skip, skip_part};
+pub(crate) use crate::skipped::{skip, skip_part};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},

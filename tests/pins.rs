@@ -55,7 +55,10 @@ fn no_number_moves_under_an_old_version() {
     let some = std::env::var(SOME).ok();
     let complaints: Vec<String> = subjects(&registry)
         .into_iter()
-        .filter(|subject| some.as_ref().is_none_or(|some| some.split(',').any(|name| name == subject)))
+        .filter(|subject| {
+            some.as_ref()
+                .is_none_or(|some| some.split(',').any(|name| name == subject))
+        })
         .filter_map(|subject| match pins.get(&subject) {
             Some(pin) => check(&registry, &subject, pin),
             None => Some(format!("{subject} has no pin yet. To add one: {COMMAND}")),
@@ -73,11 +76,15 @@ fn no_number_moves_under_an_old_version() {
 fn a_processor_without_wide_vectors_has_the_same_numbers() {
     const PINS: &str = "agent soft_actor_critic,agent dirichlet_sac,agent tdom_ac,environment battery,environment turbofan,\
                         environment component_replacement";
-    let Some([emulator]) = programs(["qemu-x86_64"]) else { return };
+    let Some([emulator]) = programs(["qemu-x86_64"]) else {
+        return;
+    };
     let program = std::env::current_exe().unwrap();
     let mut command = Command::new(emulator);
     command.args(["-cpu", "Nehalem"]).arg(program);
-    command.args(["--exact", "pins::no_number_moves_under_an_old_version"]).env(SOME, PINS);
+    command
+        .args(["--exact", "pins::no_number_moves_under_an_old_version"])
+        .env(SOME, PINS);
     let output = command.output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success() && text.contains("1 passed"), "{text}");

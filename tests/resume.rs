@@ -65,7 +65,7 @@ pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
             };
             if !registry.agents[agent].traits.learns() {
                 let config = (protocol_entry.without_training)(&key.protocol.config).unwrap();
-                Arc::make_mut(&mut key.protocol).config = config.into();
+                Arc::make_mut(&mut key.protocol).config = config;
             }
             key.protocol = with_sources(Arc::unwrap_or_clone(key.protocol)).into();
             keys.push(key);

@@ -1,10 +1,10 @@
 //! Small configs of any plugin.
 
-use contract::plugin::About;
+use contract::{complete_config::CompleteConfig, plugin::About};
 use serde_json::Value;
 
 /// The default config with those of the values that its plugin takes, one by one.
-pub(crate) fn shrunk(about: &About, values: &Value) -> Value {
+pub(crate) fn shrunk(about: &About, values: &Value) -> CompleteConfig {
     let mut config = about.defaults.clone();
     for (key, value) in values.as_object().into_iter().flatten() {
         let mut changed = config.clone();

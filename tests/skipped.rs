@@ -39,13 +39,6 @@ pub(crate) fn skip_part(part: &str, missing: &str, remedy: &str) {
     say(&format!("without {part}: {missing}; {remedy}"));
 }
 
-/// Says what should be known of the test that asks, which passes.
-#[track_caller]
-#[allow(dead_code, reason = "not every program of tests has something to say")]
-pub(crate) fn note(text: &str) {
-    print(&format!("note: {}: {text}", test()));
-}
-
 #[track_caller]
 fn say(why: &str) {
     let test = test();

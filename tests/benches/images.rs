@@ -26,7 +26,11 @@ fn main() {
     let seconds = number(5, 2) as f64;
     let mut state = State::default();
     let weight_shape = weight_shape(name, inputs, outputs);
-    let n_biases = if name.contains("convolve") { outputs } else { inputs };
+    let n_biases = if name.contains("convolve") {
+        outputs
+    } else {
+        inputs
+    };
     let operands = [
         ("image", [batch * side * side, inputs]),
         ("weight", weight_shape),
@@ -64,7 +68,11 @@ fn descend_sum<'e>(output: Expression<'e>, leaves: &[Expression<'e>]) {
     let (equations, [rows, columns]) = (output.equations(), output.shape());
     let upstream: Vec<f64> = numbers(rows * columns).into_iter().map(f64::from).collect();
     let loss = (output * equations.constant([rows, columns], &upstream)).sum();
-    let of = if leaves.is_empty() { vec![output] } else { leaves.to_vec() };
+    let of = if leaves.is_empty() {
+        vec![output]
+    } else {
+        leaves.to_vec()
+    };
     for (at, gradient) in equations.gradients(loss, &of).into_iter().enumerate() {
         equations.output(&format!("{rows} {columns} {at} {}", leaves.len()), gradient);
     }

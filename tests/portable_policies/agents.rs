@@ -130,7 +130,7 @@ fn with_few_episodes(registry: &Registry, mut key: TrialKey) -> TrialKey {
     }
     let resolve = &registry.protocols[part.plugin.as_str()].about.resolve;
     if let Ok(config) = resolve(&config) {
-        part.config = config.into();
+        part.config = config;
         key.protocol = part.into();
     }
     key
@@ -247,7 +247,7 @@ fn networks_of_every_setting_act_as_the_agent() {
         for (name, value) in changes.as_object().unwrap() {
             config[name] = value.clone();
         }
-        part.config = (registry.agents[agent].about.resolve)(&config).unwrap().into();
+        part.config = (registry.agents[agent].about.resolve)(&config).unwrap();
         key.agent = contract::cast::Actors::Agent(part).into();
         let mut trained = trained(&registry, &key).unwrap_or_else(|| panic!("{agent} {changes}"));
         assert!(hold_trial(&registry, &format!("{agent}-{at}"), &mut trained, &cases) > 0);

@@ -25,8 +25,7 @@ fn every_head_after_every_activation_acts_as_here() {
                 (vec![activation, Activation::Tanh], 0),
             ] {
                 let sizes = [vec![4], vec![16; hidden.len()], vec![3 + unused]].concat();
-                let network = Mlp::new(&sizes, &hidden, 1.0, &mut rng, &device());
-                let policy = Policy::new(&network, ports(3), head);
+                let policy = Policy::untrained(&sizes, &hidden, ports(3), head, &mut rng);
                 let rows = around(&center, &spread, &mut rng);
                 cases.add_policy(
                     &format!("{head:?}-{activation:?}-{}", hidden.len()),
@@ -35,8 +34,7 @@ fn every_head_after_every_activation_acts_as_here() {
                 );
             }
         }
-        let network = Mlp::new(&[4, 8, 3], &[Activation::LeakyRelu], 1.0, &mut rng, &device());
-        let policy = Policy::new(&network, ports(3), head);
+        let policy = Policy::untrained(&[4, 8, 3], &[Activation::LeakyRelu], ports(3), head, &mut rng);
         let policy = policy.in_units(vec![700.0, 0.0, -1e-3], vec![50.0, 2.0, 1e-3]);
         let rows = around(&center, &spread, &mut rng);
         cases.add_policy(&format!("{head:?}-in-units"), &policy, &rows);

@@ -18,7 +18,7 @@ use contract::{
     trial::TrialKey,
 };
 use numerics::{
-    network::{Activation, Mlp, device},
+    activation::Activation,
     onnx::{Graph, Network},
     policy_file::{Head, Policy, Ports},
 };

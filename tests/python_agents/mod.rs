@@ -67,7 +67,11 @@ fn config(place: &Place, make: &str, more: &Value) -> Value {
 
 fn built(place: &Place, make: &str, more: &Value, interface: &Interface) -> Result<Box<dyn Agent>, Error> {
     let build = &plugins::registry().agents["python"].build;
-    build(&config(place, make, more), interface, &mut stream(&["agent"]))
+    build(
+        &config(place, make, more).into(),
+        interface,
+        &mut stream(&["agent"]),
+    )
 }
 
 /// The actions of an agent in an environment that was just reset, in two rows; the environment takes them.

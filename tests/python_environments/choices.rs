@@ -190,7 +190,7 @@ fn entries_of_info_are_metrics_of_tables_and_claims() {
     let mut pair = {
         let mut config = place.config("own.py:Pair", json!({}));
         config["metrics"] = json!({ "level": "last" });
-        (plugins::registry().environments["python"].build)(&config).unwrap()
+        (plugins::registry().environments["python"].build)(&config.into()).unwrap()
     };
     let found: Vec<&str> = pair.metrics().iter().map(|it| it.name.as_str()).collect();
     assert_eq!(found, ["filler_level", "drainer_level"]);

@@ -141,7 +141,7 @@ impl Place {
 
     pub(crate) fn built(&self, make: &str, arguments: Value) -> Box<dyn Environment> {
         let build = &plugins::registry().environments["python"].build;
-        build(&self.config(make, arguments)).unwrap_or_else(|error| panic!("{make}: {error}"))
+        build(&self.config(make, arguments).into()).unwrap_or_else(|error| panic!("{make}: {error}"))
     }
 
     /// Message of `check` for a study that it refuses.

@@ -1,11 +1,12 @@
 //! Complete configs of plugins. A study may have a million of them that differ in a few values: each holds only its
 //! differences from a common one.
 
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de::DeserializeOwned};
 use serde_json::Value;
 use std::{
+    any::Any,
     borrow::Cow,
-    ops::Deref,
+    ops::{Deref, DerefMut},
     sync::{Arc, OnceLock},
 };
 
@@ -20,6 +21,8 @@ struct ConfigLayers {
     changes: Box<[Arc<Change>]>,
     /// The whole config, once it was asked for.
     whole: OnceLock<Box<Value>>,
+    /// The plugin's own struct, once the config was read as one.
+    typed: OnceLock<Box<dyn Any + Send + Sync>>,
 }
 
 impl ConfigLayers {
@@ -44,6 +47,29 @@ pub struct Change {
 }
 
 impl CompleteConfig {
+    /// A config from the plugin's own struct.
+    ///
+    /// # Errors
+    /// Maps whose keys are no words.
+    pub fn of<C: Serialize + Any + Send + Sync>(config: C) -> Result<Self, serde_json::Error> {
+        let made = Self::from(serde_json::to_value(&config)?);
+        made.0.typed.get_or_init(|| Box::new(config));
+        Ok(made)
+    }
+
+    /// The plugin's own struct. It is read once for all clones, unless plugins of several types read one config.
+    ///
+    /// # Errors
+    /// A config that does not fit the struct.
+    pub fn typed<C: DeserializeOwned + Clone + Any + Send + Sync>(&self) -> Result<C, serde_json::Error> {
+        if let Some(known) = self.0.typed.get().and_then(|it| it.downcast_ref::<C>()) {
+            return Ok(known.clone());
+        }
+        let config = C::deserialize(&*self.whole())?;
+        self.0.typed.get_or_init(|| Box::new(config.clone()));
+        Ok(config)
+    }
+
     /// The config `base` with some changes.
     #[must_use]
     pub fn changed(base: &Self, changes: Box<[Arc<Change>]>) -> Self {
@@ -51,19 +77,26 @@ impl CompleteConfig {
             ConfigLayers { base, changes, .. } if changes.is_empty() => Arc::clone(base),
             _ => Arc::new(Value::clone(base)),
         };
-        let whole = OnceLock::new();
-        Self(Arc::new(ConfigLayers { base, changes, whole }))
+        Self::layered(base, changes)
     }
 
-    /// The config, to be changed; configs that share it stay as they are.
-    pub fn make_mut(&mut self) -> &mut Value {
-        let is_plain = self.0.changes.is_empty() && Arc::strong_count(&self.0.base) == 1;
-        if !is_plain || Arc::get_mut(&mut self.0).is_none() {
-            *self = Self::from(Value::clone(self));
+    fn layered(base: Arc<Value>, changes: Box<[Arc<Change>]>) -> Self {
+        Self(Arc::new(ConfigLayers {
+            base,
+            changes,
+            whole: OnceLock::new(),
+            typed: OnceLock::new(),
+        }))
+    }
+
+    /// Holds the config as its changes to `base`; what it was read as stays.
+    pub fn rebase(&mut self, base: &Self, changes: Box<[Arc<Change>]>) {
+        let mut rebased = Self::changed(base, changes);
+        // A config that others hold, too, is read anew.
+        if let (Some(new), Some(old)) = (Arc::get_mut(&mut rebased.0), Arc::get_mut(&mut self.0)) {
+            new.typed = std::mem::take(&mut old.typed);
         }
-        // A config that was just made shares nothing.
-        let form = Arc::get_mut(&mut self.0).expect("not shared");
-        Arc::get_mut(&mut form.base).expect("not shared")
+        *self = rebased;
     }
 
     /// The config for one look at it: unlike by [`Deref`], the whole is not kept.
@@ -102,13 +135,23 @@ impl Deref for CompleteConfig {
     }
 }
 
+impl DerefMut for CompleteConfig {
+    /// The config, to be changed; configs that share it stay as they are.
+    fn deref_mut(&mut self) -> &mut Value {
+        let is_plain = self.0.changes.is_empty() && Arc::strong_count(&self.0.base) == 1;
+        if !is_plain || Arc::get_mut(&mut self.0).is_none() {
+            *self = Self::from(Value::clone(self));
+        }
+        // A config that was just made shares nothing.
+        let form = Arc::get_mut(&mut self.0).expect("not shared");
+        form.typed = OnceLock::new();
+        Arc::get_mut(&mut form.base).expect("not shared")
+    }
+}
+
 impl From<Value> for CompleteConfig {
     fn from(value: Value) -> Self {
-        Self(Arc::new(ConfigLayers {
-            base: Arc::new(value),
-            changes: Box::default(),
-            whole: OnceLock::new(),
-        }))
+        Self::layered(Arc::new(value), Box::default())
     }
 }
 
@@ -170,6 +213,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use serde_json::json;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     fn any_value() -> impl Strategy<Value = Value> {
         let leaf = prop_oneof![
@@ -195,9 +239,50 @@ mod tests {
             prop_assert_eq!(&*config, &value);
             prop_assert_eq!(json!(config), value.clone());
             let shared = config.clone();
-            *config.make_mut() = json!(7);
+            *config = json!(7);
             prop_assert_eq!((&*config, &*shared), (&json!(7), &value));
         }
+    }
+
+    #[derive(Clone, Serialize, Deserialize)]
+    struct Plain {
+        rate: f64,
+    }
+
+    static READ: AtomicUsize = AtomicUsize::new(0);
+
+    /// Counts how often it is read.
+    #[derive(Clone, Serialize, Deserialize)]
+    #[serde(from = "Plain")]
+    struct Counted {
+        rate: f64,
+    }
+
+    impl From<Plain> for Counted {
+        fn from(plain: Plain) -> Self {
+            READ.fetch_add(1, Ordering::Relaxed);
+            Self { rate: plain.rate }
+        }
+    }
+
+    #[test]
+    fn a_config_is_read_once_for_everything_that_is_built_from_it() {
+        let read = |config: &CompleteConfig| {
+            let rate = config.typed::<Counted>().unwrap().rate;
+            (rate, READ.load(Ordering::Relaxed))
+        };
+        let made = CompleteConfig::of(Counted { rate: 1.0 }).unwrap();
+        assert_eq!((read(&made), read(&made.clone())), ((1.0, 0), (1.0, 0)));
+        let mut stored = CompleteConfig::from(json!({ "rate": 2.0 }));
+        assert_eq!((read(&stored), read(&stored.clone())), ((2.0, 1), (2.0, 1)));
+        let differs = changes(&made, &stored).into_iter().map(Arc::new).collect();
+        stored.rebase(&made, differs);
+        assert_eq!((read(&stored), &*stored), ((2.0, 1), &json!({ "rate": 2.0 })));
+        // A change is read anew, and other structs read the same config.
+        stored["rate"] = json!(3.0);
+        assert_eq!((read(&stored), read(&made)), ((3.0, 2), (1.0, 2)));
+        assert_eq!(made.typed::<Plain>().unwrap().rate, 1.0);
+        assert!(CompleteConfig::from(json!({})).typed::<Plain>().is_err());
     }
 
     #[test]

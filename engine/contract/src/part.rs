@@ -37,7 +37,7 @@ pub struct Part {
 impl Part {
     /// A part without data files and artifacts.
     #[must_use]
-    pub fn new(plugin: impl Into<String>, version: u32, config: Value) -> Self {
+    pub fn new(plugin: impl Into<String>, version: u32, config: impl Into<CompleteConfig>) -> Self {
         let (files, artifacts) = (BTreeMap::new(), BTreeMap::new());
         Self {
             plugin: plugin.into(),
@@ -72,7 +72,7 @@ impl Part {
             return self.id();
         }
         let mut happening = self.clone();
-        if let Value::Object(config) = happening.config.make_mut() {
+        if let Value::Object(config) = &mut *happening.config {
             looking.for_each(|key| drop(config.remove(key)));
         }
         happening.id()
@@ -107,9 +107,9 @@ impl Part {
     ///
     /// # Errors
     /// [`Error::DataFileChanged`], [`Error::File`] where one cannot be read, and the errors of `find`.
-    pub fn loaded(&self, find: FindArtifact<'_>) -> Result<Cow<'_, Value>, Error> {
+    pub fn loaded(&self, find: FindArtifact<'_>) -> Result<CompleteConfig, Error> {
         if self.files.is_empty() && self.artifacts.is_empty() {
-            return Ok(Cow::Borrowed(&self.config));
+            return Ok(self.config.clone());
         }
         let mut config = self.config.whole().into_owned();
         for (key, content) in &self.files {
@@ -125,7 +125,7 @@ impl Part {
             })?;
             named["folder"] = json!(find(taken)?);
         }
-        Ok(Cow::Owned(config))
+        Ok(config.into())
     }
 }
 

@@ -1,5 +1,6 @@
 //! Plugins as the engine knows them: their configs, presets and schemas.
 
+use crate::complete_config::CompleteConfig;
 use schemars::{JsonSchema, Schema};
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
@@ -9,11 +10,13 @@ use serde_json::Value;
 /// A file that a config names stands under a key `file` and is a [`DataFile`](crate::DataFile): a trial then reads the
 /// content that its id names, even if the file changes.
 ///
-/// Derive `Serialize`, `Deserialize` (with `#[serde(deny_unknown_fields, default)]`) and `JsonSchema`. Doc
+/// Derive `Clone`, `Serialize`, `Deserialize` (with `#[serde(deny_unknown_fields, default)]`) and `JsonSchema`. Doc
 /// comments become the descriptions that `describe` prints; `#[schemars(range(min = .., max = ..))]` the
 /// limits that `check` holds; `#[schemars(extend("x-unit" = "s"))]` the unit and
 /// `#[schemars(extend("x-source" = "table 3.1"))]` the source of a default.
-pub trait Config: DeserializeOwned + Serialize + Default + JsonSchema + 'static {
+pub trait Config:
+    Clone + DeserializeOwned + Serialize + Default + JsonSchema + Send + Sync + 'static
+{
     /// Named settings that differ from the default.
     fn presets() -> Vec<Preset> {
         Vec::new()
@@ -38,12 +41,12 @@ pub struct About {
     /// Raised whenever a change of code changes the numbers of a trial.
     pub version: u32,
     /// The config with every default.
-    pub defaults: Value,
+    pub defaults: CompleteConfig,
     /// JSON Schema of the config.
     pub schema: Schema,
     /// Named settings.
     pub presets: Vec<Preset>,
-    /// Parses a config and writes it back with every default.
+    /// Fills in the defaults of a config and refuses one that does not fit.
     pub resolve: Resolve,
 }
 
@@ -78,5 +81,6 @@ impl About {
     }
 }
 
-/// Fills in the defaults of a config and refuses one that does not fit.
-pub type Resolve = Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>;
+/// Makes a complete config, or refuses what is given.
+pub type Resolve<Given = Value> =
+    Box<dyn Fn(&Given) -> Result<CompleteConfig, serde_json::Error> + Send + Sync>;

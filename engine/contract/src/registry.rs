@@ -2,10 +2,11 @@
 //!
 //! A plugin's config is a plain struct with `Default`, serde and a JSON Schema. The registry erases the type
 //! once, so the engine can fill in defaults, refuse typos, print parameters and build the plugin without ever
-//! naming its type.
+//! naming its type. A [`CompleteConfig`] carries the struct that it was read as to everything that is built from it.
 
 use crate::{
     Agent, Environment, Error, Feed, Interface, Metric, Protocol, Rng,
+    complete_config::CompleteConfig,
     own_training::Measured,
     part::Part,
     plugin::{About, Config, Resolve},
@@ -19,12 +20,14 @@ use std::{
 };
 
 /// As [`Resolve`], for an agent that trains itself, by how it is measured.
-pub type ResolveOwn = Box<dyn Fn(&Value, Option<Measured>) -> Result<Value, serde_json::Error> + Send + Sync>;
+pub type ResolveOwn =
+    Box<dyn Fn(&CompleteConfig, Option<Measured>) -> Result<CompleteConfig, serde_json::Error> + Send + Sync>;
 /// Whether an agent whose code is not this program's own learns, and the metrics that it records, by its config. The
 /// config may be one that is refused elsewhere.
 pub type ByConfig = fn(&Value) -> (bool, Vec<Metric>);
-type Build<T> = Box<dyn Fn(&Value) -> Result<Box<T>, Error> + Send + Sync>;
-type BuildAgent = Box<dyn Fn(&Value, &Interface, &mut Rng) -> Result<Box<dyn Agent>, Error> + Send + Sync>;
+type Build<T> = Box<dyn Fn(&CompleteConfig) -> Result<Box<T>, Error> + Send + Sync>;
+type BuildAgent =
+    Box<dyn Fn(&CompleteConfig, &Interface, &mut Rng) -> Result<Box<dyn Agent>, Error> + Send + Sync>;
 
 /// A registered environment.
 pub struct EnvironmentEntry {
@@ -84,7 +87,7 @@ pub struct ProtocolEntry {
     pub build: Build<dyn Protocol>,
     /// The config for an agent that does not learn: measurements alone, at the steps at which learning agents are
     /// measured, so that its trials do not depend on the rest of a training budget.
-    pub without_training: Resolve,
+    pub without_training: Resolve<CompleteConfig>,
     /// The config for an agent that trains itself: its steps, and the steps between measurements. `None` where the
     /// protocol has no form for such agents.
     pub own_training: Option<ResolveOwn>,
@@ -221,7 +224,7 @@ impl Registry {
     ) {
         let entry = EnvironmentEntry {
             about: describe::<C>(version, about),
-            build: Box::new(move |raw| build(typed(raw)?)),
+            build: Box::new(move |config| build(typed(config)?)),
             names: |_| Vec::new(),
         };
         assert!(
@@ -246,11 +249,11 @@ impl Registry {
         let entry = AgentEntry {
             about: describe::<C>(version, about),
             traits,
-            build: Box::new(move |raw, interface, rng| {
+            build: Box::new(move |config, interface, rng| {
                 if interface.seats.is_empty() && !trains_itself {
                     return Err(no_seats(name));
                 }
-                build(typed(raw)?, interface, rng)
+                build(typed(config)?, interface, rng)
             }),
         };
         assert!(
@@ -273,8 +276,8 @@ impl Registry {
     ) {
         let entry = ProtocolEntry {
             about: describe::<C>(version, about),
-            build: Box::new(move |raw| build(typed(raw)?)),
-            without_training: changed(without_training),
+            build: Box::new(move |config| build(typed(config)?)),
+            without_training: Box::new(move |config| CompleteConfig::of(without_training(config.typed()?))),
             own_training: None,
         };
         assert!(
@@ -292,8 +295,8 @@ impl Registry {
 
     /// Registers that a protocol lets agents train themselves, with the config that such an agent gets.
     pub fn lets_train<C: Config>(&mut self, name: &str, own_training: fn(C, Option<Measured>) -> C) {
-        let resolve = move |raw: &Value, measured| {
-            serde_json::to_value(own_training(serde_json::from_value(raw.clone())?, measured))
+        let resolve = move |config: &CompleteConfig, measured| {
+            CompleteConfig::of(own_training(config.typed()?, measured))
         };
         if let Some(entry) = self.protocols.get_mut(name) {
             entry.own_training = Some(Box::new(resolve));
@@ -323,13 +326,10 @@ fn no_seats(agent: &'static str) -> Error {
     }
 }
 
-/// A change of a config, with its type erased.
-fn changed<C: Config>(change: fn(C) -> C) -> Resolve {
-    Box::new(move |raw| serde_json::to_value(change(serde_json::from_value(raw.clone())?)))
-}
-
-fn typed<C: Config>(raw: &Value) -> Result<C, Error> {
-    C::deserialize(raw).map_err(|source| Error::config("config", source.to_string()))
+fn typed<C: Config>(config: &CompleteConfig) -> Result<C, Error> {
+    config
+        .typed()
+        .map_err(|source| Error::config("config", source.to_string()))
 }
 
 fn describe<C: Config>(version: u32, about: &'static str) -> About {
@@ -338,9 +338,9 @@ fn describe<C: Config>(version: u32, about: &'static str) -> About {
         version,
         // A config is a struct of numbers, words and lists with a default; serde_json refuses only maps with
         // odd keys.
-        defaults: serde_json::to_value(C::default()).expect("a config serialises"),
+        defaults: CompleteConfig::of(C::default()).expect("a config serialises"),
         schema: schemars::schema_for!(C),
         presets: C::presets(),
-        resolve: Box::new(|raw| serde_json::to_value(serde_json::from_value::<C>(raw.clone())?)),
+        resolve: Box::new(|raw| CompleteConfig::of(C::deserialize(raw)?)),
     }
 }

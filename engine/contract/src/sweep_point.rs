@@ -23,20 +23,11 @@ struct Stored {
 
 impl Default for SweepPoint {
     fn default() -> Self {
-        Self::from_iter([])
+        Self::of_words("")
     }
 }
 
 impl SweepPoint {
-    /// The point with these keys and values, in this order.
-    #[must_use]
-    pub fn new(values: Vec<(String, Value)>) -> Self {
-        values
-            .into_iter()
-            .map(|(key, value)| (key.into(), value))
-            .collect()
-    }
-
     /// A point of which the words alone are known.
     #[must_use]
     pub fn of_words(words: impl Into<Arc<str>>) -> Self {
@@ -84,9 +75,10 @@ impl SweepPoint {
     }
 }
 
-impl FromIterator<(Arc<str>, Value)> for SweepPoint {
-    fn from_iter<T: IntoIterator<Item = (Arc<str>, Value)>>(values: T) -> Self {
-        let values: Arc<[(Arc<str>, Value)]> = values.into_iter().collect();
+impl<K: Into<Arc<str>>> FromIterator<(K, Value)> for SweepPoint {
+    fn from_iter<T: IntoIterator<Item = (K, Value)>>(values: T) -> Self {
+        let values = values.into_iter().map(|(key, value)| (key.into(), value));
+        let values: Arc<[(Arc<str>, Value)]> = values.collect();
         let words: Vec<String> = values
             .iter()
             .map(|(key, value)| format!("{key}={}", word(value)))
@@ -138,9 +130,24 @@ impl Ord for SweepPoint {
     }
 }
 
-fn is_called(name: &str, key: &str) -> bool {
-    let last = |text: &str| text.rsplit('.').next().unwrap_or_default().to_owned();
-    name == key || last(name) == key || name == last(key)
+/// Whether a swept key has this name: of both, the last word alone may be given.
+#[must_use]
+pub fn is_called(key: &str, name: &str) -> bool {
+    key == name || last_word(key) == name || key == last_word(name)
+}
+
+/// The last word of a dotted key.
+#[must_use]
+pub fn last_word(key: &str) -> &str {
+    key.rsplit('.').next().unwrap_or_default()
+}
+
+/// The names of keys that stand side by side: each its last word, or the whole key where that is not unique.
+#[must_use]
+pub fn names<'a>(keys: &[&'a str]) -> Vec<&'a str> {
+    let is_unique = |word: &str| keys.iter().filter(|key| last_word(key) == word).count() == 1;
+    let name = |key: &&'a str| Some(last_word(key)).filter(|word| is_unique(word)).unwrap_or(key);
+    keys.iter().map(name).collect()
 }
 
 impl fmt::Display for SweepPoint {
@@ -169,7 +176,7 @@ mod tests {
             ("cells", json!(4)),
             ("load", json!("a b=c")),
         ];
-        SweepPoint::new(values.map(|(key, value)| (key.to_owned(), value)).into())
+        values.into_iter().collect()
     }
 
     #[test]
@@ -186,6 +193,13 @@ mod tests {
         ];
         assert_eq!(unknown, [None, None, None]);
         assert_eq!(point().without("rate").words(), r#"cells=4 load="a b=c""#);
+    }
+
+    #[test]
+    fn keys_side_by_side_have_their_last_words_as_far_as_these_tell_them_apart() {
+        let keys = ["dsac.rate", "plant.cells", "sac.rate"];
+        assert_eq!(names(&keys), ["dsac.rate", "cells", "sac.rate"]);
+        assert_eq!(names(&keys[..2]), ["rate", "cells"]);
     }
 
     #[test]

@@ -62,7 +62,7 @@ impl TrialKey {
     ) -> Result<Recorder, Error> {
         let environment = find_entry(&registry.environments, "environment", &self.environment.plugin)?;
         let protocol = find_entry(&registry.protocols, "protocol", &self.protocol.plugin)?;
-        let protocol = (protocol.build)(&*self.protocol.loaded(find)?)?;
+        let protocol = (protocol.build)(&self.protocol.loaded(find)?)?;
         let config = self.environment.loaded(find)?;
         let make_environment = || (environment.build)(&config);
         let streams = Streams::new(
@@ -144,7 +144,7 @@ impl TrialKey {
             )?)),
             Actors::Agent(part) => {
                 let entry = find_entry(&registry.agents, "agent", &part.plugin)?;
-                (entry.build)(&*part.loaded(find)?, interface, &mut streams.agent("initialise"))
+                (entry.build)(&part.loaded(find)?, interface, &mut streams.agent("initialise"))
             }
         }
     }

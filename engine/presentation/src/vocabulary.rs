@@ -1,6 +1,10 @@
 //! The names that the tables, figures and claims of a study may use.
 
-use contract::{ArtifactKind, Metric, part::Part};
+use contract::{
+    ArtifactKind, Metric,
+    part::Part,
+    sweep_point::{is_called, last_word},
+};
 use document::diagnostic::Diagnostic;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -25,10 +29,8 @@ pub struct Vocabulary {
     pub traced: BTreeMap<usize, BTreeSet<String>>,
     /// Points of the sweep, in order; one empty point without a sweep.
     pub settings: Vec<Arc<str>>,
-    /// The swept keys, each as its last word and as a whole.
-    pub swept: Vec<String>,
-    /// Values of each swept key, as words.
-    pub swept_values: BTreeMap<String, Vec<String>>,
+    /// The swept keys as they are written, each with its values as words.
+    pub swept: Vec<(String, Vec<String>)>,
     /// Seeds of the study.
     pub seeds: Vec<u64>,
     /// The searches, each with the metric by which it compares settings.
@@ -48,6 +50,23 @@ pub struct Vocabulary {
 }
 
 impl Vocabulary {
+    /// The names of swept keys: the last word of each, and the whole key.
+    #[must_use]
+    pub fn swept_names(&self) -> Vec<&str> {
+        let mut seen = BTreeSet::new();
+        let keys = self.swept.iter().map(|(key, _)| key.as_str());
+        keys.flat_map(|key| [last_word(key), key])
+            .filter(|name| seen.insert(*name))
+            .collect()
+    }
+
+    /// The values of the swept keys that are called so; none where no sweep varies such a key.
+    #[must_use]
+    pub fn swept_values(&self, name: &str) -> Vec<String> {
+        let called = self.swept.iter().filter(|(key, _)| is_called(key, name));
+        called.flat_map(|(_, values)| values).cloned().collect()
+    }
+
     /// Adds the metrics that the trials of an environment and an agent record.
     pub fn record<'a>(&mut self, pair: (usize, usize), metrics: impl Iterator<Item = &'a Metric>) {
         let recorded = self.recorded.entry(pair).or_default();

@@ -68,5 +68,5 @@ pub fn environment(
         let nearest = diagnostic::suggest(name, registry.environments.keys().copied());
         Failure::refusal(format!("unknown environment `{name}`; {nearest}"))
     })?;
-    Ok((entry.build)(&*key.environment.loaded(find)?)?)
+    Ok((entry.build)(&key.environment.loaded(find)?)?)
 }

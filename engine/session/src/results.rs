@@ -145,7 +145,7 @@ fn defaults(one: &Planned, registry: &Registry) -> BTreeMap<String, Value> {
             let Some(about) = about else { continue };
             defaults
                 .entry(format!("{kind} {name}"))
-                .or_insert_with(|| about.defaults.clone());
+                .or_insert_with(|| about.defaults.whole().into_owned());
         }
     }
     defaults

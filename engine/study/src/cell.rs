@@ -136,8 +136,8 @@ impl Cell {
 pub(super) struct SettingKey {
     /// Index of its dimension in the sweep.
     pub(super) dimension: usize,
-    /// The key as settings write it.
-    pub(super) word: Arc<str>,
+    /// Its name in settings.
+    pub(super) name: Arc<str>,
     /// Its value at every point of the dimension.
     pub(super) values: Arc<[Value]>,
 }
@@ -164,7 +164,7 @@ impl PairGrid {
     fn setting(&self, points: &[(usize, usize)]) -> SweepPoint {
         let value = |key: &SettingKey| {
             let (_, point) = points.iter().find(|(dimension, _)| *dimension == key.dimension)?;
-            Some((Arc::clone(&key.word), key.values[*point].clone()))
+            Some((Arc::clone(&key.name), key.values[*point].clone()))
         };
         self.keys.iter().filter_map(value).collect()
     }

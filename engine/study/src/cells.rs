@@ -3,16 +3,15 @@
 use super::{
     cell::{Cell, Cells, PairGrid, SettingKey},
     checked_sections::Sections,
-    known::{PartCache, words},
+    known::PartCache,
     sweep::{Dimension, SweptKey},
     written::{NamedPart, PartKind, PreparedPart, PreparedTrial, Target},
 };
+use contract::sweep_point::names;
 use document::{
     Node,
     diagnostic::{Diagnostic, Span, suggest},
 };
-use serde_json::Value;
-use std::sync::Arc;
 
 impl Sections<'_> {
     /// All cells: combinations in the order of environments, agents and points, then the entries of
@@ -23,7 +22,7 @@ impl Sections<'_> {
     pub fn cells(&self) -> Result<Cells, Vec<Diagnostic>> {
         let (mut combinations, mut others, mut found) = (Vec::new(), Vec::new(), Vec::new());
         let mut known = PartCache::new(self);
-        let values = self.values();
+        let swept = self.swept();
         for pair in self.pairs() {
             let targets = [
                 Target::Environment(pair.0),
@@ -34,7 +33,7 @@ impl Sections<'_> {
                 Ok(parts) => combinations.push(PairGrid {
                     pair,
                     dimensions: self.concerned(&targets),
-                    keys: self.swept(&targets, &values),
+                    keys: of_targets(&targets, &swept),
                     parts,
                 }),
                 Err(errors) => found.extend(errors),
@@ -112,29 +111,33 @@ impl Sections<'_> {
         error.help(suggest(name, known.iter().map(|it| it.name.as_str())))
     }
 
-    /// The values of all swept keys, by dimension.
-    fn values(&self) -> Vec<Vec<Arc<[Value]>>> {
-        let of_key = |key: &SweptKey<'_>| key.values.iter().map(Node::to_value).collect();
-        let of_dimension = |it: &Dimension<'_>| it.keys.iter().map(of_key).collect();
-        self.dimensions.iter().map(of_dimension).collect()
-    }
-
-    /// The swept keys of these targets, with the words that they have in settings.
-    fn swept(&self, targets: &[Target], values: &[Vec<Arc<[Value]>>]) -> Vec<SettingKey> {
-        let all = self.dimensions.iter().zip(values).enumerate();
-        let all = all.flat_map(|(index, (dimension, values))| {
-            let keys = dimension.keys.iter().zip(values);
-            keys.map(move |(key, values)| (index, key, values))
-        });
-        let concerned: Vec<_> = all
-            .filter(|(_, key, _)| targets.contains(&key.path.target))
-            .collect();
-        let texts: Vec<&str> = concerned.iter().map(|(_, key, _)| key.text.as_str()).collect();
-        let with_word = |((dimension, _, values), word): ((usize, _, &Arc<[Value]>), _)| SettingKey {
-            dimension,
-            word,
-            values: Arc::clone(values),
+    /// All swept keys as they are written, with their targets.
+    fn swept(&self) -> Vec<(Target, SettingKey)> {
+        let of_dimension = |(dimension, it): (usize, &Dimension<'_>)| {
+            let of_key = |key: &SweptKey<'_>| SettingKey {
+                dimension,
+                name: key.text.as_str().into(),
+                values: key.values.iter().map(Node::to_value).collect(),
+            };
+            let keys = it.keys.iter().map(|key| (key.path.target, of_key(key)));
+            keys.collect::<Vec<_>>()
         };
-        concerned.into_iter().zip(words(&texts)).map(with_word).collect()
+        self.dimensions
+            .iter()
+            .enumerate()
+            .flat_map(of_dimension)
+            .collect()
     }
+}
+
+/// The swept keys of some targets, with the names that they have in settings.
+fn of_targets(targets: &[Target], swept: &[(Target, SettingKey)]) -> Vec<SettingKey> {
+    let own = swept.iter().filter(|(target, _)| targets.contains(target));
+    let own: Vec<&SettingKey> = own.map(|(_, key)| key).collect();
+    let written: Vec<&str> = own.iter().map(|key| &*key.name).collect();
+    let named = |(key, name): (&SettingKey, &str)| SettingKey {
+        name: name.into(),
+        ..key.clone()
+    };
+    own.into_iter().zip(names(&written)).map(named).collect()
 }

@@ -158,11 +158,10 @@ impl Sections<'_> {
             }
         };
         if let Some(changed) = changed {
-            let config = changed.map_err(|error| {
+            part.config = changed.map_err(|error| {
                 let message = format!("`{}` has no form for this agent: {error}", plugin.name);
                 vec![self.sources.error(plugin.span, &plugin.at, message)]
             })?;
-            part.config = config.into();
         }
         Ok(ResolvedPart::new(part, given))
     }

@@ -126,9 +126,8 @@ pub fn resolve(
     list_files(plugin, given, &mut merged, files, sources)?;
     let mut config =
         (plugin.about.resolve)(&merged).map_err(|error| refused(plugin, given, &error, sources))?;
-    let mut hashes = BTreeMap::new();
-    let absent = name_files(&mut config, "", files, &mut hashes);
-    if let Some((pointer, text, why)) = absent {
+    let mut named = BTreeMap::new();
+    if let Err((pointer, text, why)) = find_files(&config, "", files, &mut named) {
         let key = pointer.trim_start_matches('/').replace('/', ".");
         if let Some(span) = locate(given, &key) {
             let (message, help) = (why.message(&text), why.help(&text, files.folder));
@@ -141,8 +140,17 @@ pub fn resolve(
                 .help(format!("give `{key}` in the study")),
         ]);
     }
+    // Paths are made usable from the current folder.
+    for (pointer, (path, _)) in &named {
+        if let Some(text) = config.pointer_mut(pointer) {
+            *text = path.display().to_string().into();
+        }
+    }
     Ok(Part {
-        files: hashes,
+        files: named
+            .into_iter()
+            .map(|(pointer, (_, hash))| (pointer, hash))
+            .collect(),
         of_machine: plugin.about.machine_keys().map(Into::into).collect(),
         ..Part::new(plugin.name, plugin.about.version, config)
     })
@@ -238,7 +246,7 @@ fn refused(
 fn merged(about: &About, config: &Node) -> Value {
     let schema = about.schema.as_value();
     let view = View::new(schema, schema);
-    let mut value = about.defaults.clone();
+    let mut value = Value::clone(&about.defaults);
     let preset = config.get("preset").and_then(Node::as_str);
     if let Some(preset) = about.presets.iter().find(|it| Some(it.name) == preset) {
         merge(&mut value, preset.values.clone(), Some(&view));
@@ -307,34 +315,32 @@ fn missing_files(
     }
 }
 
-/// Makes the paths under `file` usable from the current folder and notes the hash of each content, by JSON pointer.
-/// Returns the first that cannot be used, with its name and why.
-fn name_files(
-    value: &mut Value,
+/// Notes path and hash of each file that is named under `file`, by JSON pointer.
+///
+/// # Errors
+/// The first file that cannot be used, with its pointer, its name and why.
+fn find_files(
+    value: &Value,
     at: &str,
     files: &mut Files<'_>,
-    hashes: &mut BTreeMap<String, String>,
-) -> Option<(String, String, FileProblem)> {
+    named: &mut BTreeMap<String, (PathBuf, String)>,
+) -> Result<(), (String, String, FileProblem)> {
     let below = |key: &str| format!("{at}/{}", key.replace('~', "~0").replace('/', "~1"));
     match value {
-        Value::Object(map) => map.iter_mut().find_map(|(key, item)| match item {
+        Value::Object(map) => map.iter().try_for_each(|(key, item)| match item {
             Value::String(text) if key == "file" && !text.is_empty() => {
-                let (path, hash) = match files.find(text) {
-                    Ok(found) => found,
-                    Err(why) => return Some((below(key), text.clone(), why)),
-                };
-                *text = path.display().to_string();
-                hashes.insert(below(key), hash);
-                None
+                let found = files.find(text).map_err(|why| (below(key), text.clone(), why))?;
+                named.insert(below(key), found);
+                Ok(())
             }
-            Value::Object(_) | Value::Array(_) => name_files(item, &below(key), files, hashes),
-            _ => None,
+            Value::Object(_) | Value::Array(_) => find_files(item, &below(key), files, named),
+            _ => Ok(()),
         }),
         Value::Array(items) => items
-            .iter_mut()
+            .iter()
             .enumerate()
-            .find_map(|(index, item)| name_files(item, &below(&index.to_string()), files, hashes)),
-        _ => None,
+            .try_for_each(|(index, item)| find_files(item, &below(&index.to_string()), files, named)),
+        _ => Ok(()),
     }
 }
 

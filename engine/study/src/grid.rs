@@ -237,7 +237,8 @@ impl GridBuilder<'_> {
             return Ok(None);
         }
         let changes = found.into_iter().map(Arc::new).collect();
-        Arc::make_mut(&mut resolved.part).config = CompleteConfig::changed(&first.part.config, changes);
+        let config = &mut Arc::make_mut(&mut resolved.part).config;
+        config.rebase(&first.part.config, changes);
         Ok(Some(resolved.into()))
     }
 }

@@ -11,7 +11,11 @@ use super::{
     search::LocatedSearch,
     written::Target,
 };
-use contract::{complete_config::CompleteConfig, part::Part, sweep_point::SweepPoint};
+use contract::{
+    complete_config::CompleteConfig,
+    part::Part,
+    sweep_point::{SweepPoint, names},
+};
 use document::{Node, diagnostic::Diagnostic};
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -116,7 +120,7 @@ impl<'a> PartCache<'a> {
             .map(|(text, _)| text.as_str())
             .collect();
         let values = searched.points[place].iter().map(Node::to_value);
-        words(&keys).into_iter().zip(values).collect()
+        names(&keys).into_iter().zip(values).collect()
     }
 
     /// The stretches that lead a combination to the last setting of the schedule that was found for its agent: none
@@ -218,20 +222,6 @@ impl<'a> PartCache<'a> {
         self.parts.insert(given, outcome.clone());
         outcome
     }
-}
-
-/// How keys are written in a setting: each with its last word, or as a whole where that is not unique.
-pub(super) fn words(keys: &[&str]) -> Vec<Arc<str>> {
-    let last = |text: &str| text.rsplit('.').next().unwrap_or_default().to_string();
-    let word = |text: &&str| {
-        let is_unique = keys.iter().filter(|other| last(other) == last(text)).count() == 1;
-        if is_unique {
-            last(text).into()
-        } else {
-            Arc::from(*text)
-        }
-    };
-    keys.iter().map(word).collect()
 }
 
 /// The complete config of the protocol with which settings are compared.

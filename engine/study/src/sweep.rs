@@ -9,7 +9,7 @@ use super::{
     written::{Target, Written},
 };
 use analysis::search::Numbers;
-use contract::random;
+use contract::{random, sweep_point::word};
 use document::{
     Entry, FittingEntries, Node,
     diagnostic::{Diagnostic, Sources},
@@ -97,6 +97,15 @@ pub struct SweptKey<'a> {
     pub text: String,
     /// Values of the key, one for each point.
     pub values: Vec<Node>,
+}
+
+impl SweptKey<'_> {
+    /// The key and its values as tables and claims name them.
+    #[must_use]
+    pub fn in_words(&self) -> (String, Vec<String>) {
+        let values = self.values.iter().map(|value| word(&value.to_value()));
+        (self.text.clone(), values.collect())
+    }
 }
 
 /// Keys that change together.

@@ -71,7 +71,7 @@ fn point(words: &str) -> SweepPoint {
             serde_json::from_str(value).unwrap_or_else(|_| value.into()),
         )
     };
-    SweepPoint::new(words.split_whitespace().map(pair).collect())
+    words.split_whitespace().map(pair).collect()
 }
 
 /// The same trial, ended otherwise.

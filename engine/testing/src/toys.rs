@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 /// A walk between two walls.
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct CorridorConfig {
     /// Number of cells. The walk starts in the first.
@@ -52,7 +52,7 @@ impl Default for CorridorConfig {
     }
 }
 
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 enum Start {
     /// Anywhere.
@@ -71,7 +71,7 @@ enum Start {
     },
 }
 
-#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Terrain {
     /// CSV file with one height per line.
@@ -150,14 +150,14 @@ fn corridor(config: CorridorConfig) -> Result<Box<dyn Environment>, Error> {
 }
 
 /// Always the same way.
-#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct WalkerConfig {
     /// Which way.
     direction: Direction,
 }
 
-#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Direction {
     /// Towards the first cell.
@@ -169,7 +169,7 @@ enum Direction {
 
 impl Config for WalkerConfig {}
 
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct LearnerConfig {
     /// Step size of the update.
@@ -185,7 +185,7 @@ struct LearnerConfig {
     network: Network,
 }
 
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Network {
     /// Units.
@@ -249,7 +249,7 @@ fn learner(_: LearnerConfig, interface: &Interface, _: &mut Rng) -> Result<Box<d
     Ok(Box::new(Learner(Idle)))
 }
 
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct TrainConfig {
     /// Number of training steps.

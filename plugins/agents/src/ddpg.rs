@@ -42,8 +42,8 @@ use contract::{
     Transition, Updates,
 };
 use numerics::{
+    activation::Activation,
     equations::network::Network,
-    network::Activation,
     policy_file::{Head, Policy},
 };
 use plan::{Descent, Expression, Plans, State};
@@ -186,9 +186,9 @@ impl Ddpg {
             activation: Activation::LeakyRelu,
         };
         let mut state = State::default();
-        let policy = hidden.described("policy", n_observed, n_shares);
+        let policy = hidden.network("policy", n_observed, n_shares);
         policy.initialise(POLICY_OUTPUT_GAIN, &mut state, rng);
-        let critic = hidden.described("critic", n_observed + n_shares, 1);
+        let critic = hidden.network("critic", n_observed + n_shares, 1);
         critic.initialise(1.0, &mut state, rng);
         let learner = Learner {
             target_policy: policy.copied("target_policy", &mut state),
@@ -336,18 +336,18 @@ impl Agent for Ddpg {
         Ok(())
     }
 
-    checkpoint::keeps_state!(NAME);
+    checkpoint::keeps!(NAME);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let (policy, ports) = (&self.learner.policy, self.scaling.ports(&self.shares));
-        let policy = Policy::of_state(policy, &self.state, ports, Head::SoftmaxMean);
+        let policy = Policy::new(policy, &self.state, ports, Head::SoftmaxMean);
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
         let (policy, ports) = (&self.learner.policy, self.scaling.ports(&self.shares));
-        checkpoint::import_network(NAME, policy, &mut self.state, dir, &ports, Head::SoftmaxMean)?;
+        checkpoint::import_policy(NAME, policy, &mut self.state, dir, &ports, Head::SoftmaxMean)?;
         Ok(true)
     }
 }

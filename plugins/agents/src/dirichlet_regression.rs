@@ -26,7 +26,7 @@ use crate::shared::simplex_regression::{
     self, RegressionLoss, SimplexHead, excess_error, log_shares, mean_absolute_error,
 };
 use contract::Registry;
-use numerics::{equations::dirichlet::sample, network::Activation, policy_file::Head};
+use numerics::{activation::Activation, equations::dirichlet::sample, policy_file::Head};
 use plan::Expression;
 
 /// Registers the agent.

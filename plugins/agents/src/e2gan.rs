@@ -43,7 +43,7 @@ use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Mode, Observation, Preset, Recorder, Registry, Rng,
     Transition, Updates,
 };
-use numerics::{equations::network::Network, network::Activation};
+use numerics::{activation::Activation, equations::network::Network};
 use plan::State;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

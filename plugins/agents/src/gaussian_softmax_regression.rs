@@ -26,8 +26,8 @@ use crate::shared::simplex_regression::{
 };
 use contract::Registry;
 use numerics::{
+    activation::Activation,
     equations::gaussian_softmax::{candidate_density, mean_action, sample},
-    network::Activation,
     policy_file::Head,
 };
 use plan::Expression;

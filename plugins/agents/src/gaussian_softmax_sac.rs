@@ -40,7 +40,7 @@ use contract::{
     Transition, Updates,
 };
 use numerics::{
-    network::Activation,
+    activation::Activation,
     policy_file::{Head, Policy, Ports},
 };
 use plan::{Plans, State};
@@ -311,18 +311,18 @@ impl Agent for GaussianSoftmaxSac {
         Ok(())
     }
 
-    checkpoint::keeps_state!(NAME);
+    checkpoint::keeps!(NAME);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let (policy, ports) = (&self.learner.policy, self.ports());
-        let policy = Policy::of_state(policy, &self.state, ports, Head::SoftmaxMean);
+        let policy = Policy::new(policy, &self.state, ports, Head::SoftmaxMean);
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
         let (ports, policy, state) = (self.ports(), &self.learner.policy, &mut self.state);
-        checkpoint::import_network(NAME, policy, state, dir, &ports, Head::SoftmaxMean)?;
+        checkpoint::import_policy(NAME, policy, state, dir, &ports, Head::SoftmaxMean)?;
         Ok(true)
     }
 }

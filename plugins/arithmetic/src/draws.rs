@@ -6,9 +6,8 @@
 //! | [`normal`] | one, `w` | the quantile of the normal distribution at `uniform(w)` |
 //! | [`log_gamma`] | two for each try, one more for a shape below one | ln x of `x ~ Gamma(shape, 1)` |
 //!
-//! The quantile is algorithm AS 241 (M. J. Wichura, Applied Statistics 37, 1988, routine PPND16), whose relative
-//! error is about 1e-16 (up to 5.6 units in the last place found here at 80,000 words, rounding included). It is at
-//! most 8.2 in size: `uniform` has no number nearer to 0 than 2^-53.
+//! The quantile is that of [`crate::normal`]. It is at most 8.2 in size: `uniform` has no number nearer to 0 than
+//! 2^-53.
 //!
 //! The gamma draw is the algorithm of G. Marsaglia and W. W. Tsang (ACM TOMS 26, 2000) without their quick first
 //! test. With `d = shape - 1/3` and `c = 1 / sqrt(9 d)` each try takes a normal number `z` from a word. Where
@@ -18,7 +17,8 @@
 //! `ln x`, because for small shapes most draws are below the smallest `f64`: at shape 0.01 half of them are below
 //! 1e-30.
 
-use crate::double::{NAN, ln, polynomial};
+use crate::double::{NAN, ln};
+use crate::normal::quantile;
 
 /// A stream of random 64-bit words.
 pub trait WordStream {
@@ -65,80 +65,6 @@ impl WordStream for Stream {
     }
 }
 
-/// Numerator and denominator of the quantile by `0.180625 - (p - 1/2)^2` for `|p - 1/2| <= 0.425`, lowest power
-/// first.
-const CENTRE: [[f64; 8]; 2] = [
-    [
-        3.3871328727963665,
-        133.14166789178438,
-        1971.5909503065513,
-        13731.69376550946,
-        45921.95393154987,
-        67265.7709270087,
-        33430.57558358813,
-        2509.0809287301227,
-    ],
-    [
-        1.0,
-        42.31333070160091,
-        687.1870074920579,
-        5394.196021424751,
-        21213.794301586597,
-        39307.89580009271,
-        28729.085735721943,
-        5226.495278852854,
-    ],
-];
-
-/// Coefficients as in [`CENTRE`], by `s - 1.6` with `s = sqrt(-ln p)` up to 5, where `p` is the smaller tail
-/// probability.
-const FLANK: [[f64; 8]; 2] = [
-    [
-        1.4234371107496835,
-        4.630337846156546,
-        5.769497221460691,
-        3.6478483247632045,
-        1.2704582524523684,
-        0.2417807251774506,
-        0.022723844989269184,
-        0.0007745450142783414,
-    ],
-    [
-        1.0,
-        2.053191626637759,
-        1.6763848301838038,
-        0.6897673349851,
-        0.14810397642748008,
-        0.015198666563616457,
-        0.0005475938084995345,
-        1.0507500716444169e-09,
-    ],
-];
-
-/// Coefficients as in [`FLANK`], by `s - 5` for larger `s`.
-const TAIL: [[f64; 8]; 2] = [
-    [
-        6.657904643501103,
-        5.463784911164114,
-        1.7848265399172913,
-        0.29656057182850487,
-        0.026532189526576124,
-        0.0012426609473880784,
-        2.7115555687434876e-05,
-        2.0103343992922881e-07,
-    ],
-    [
-        1.0,
-        0.599832206555888,
-        0.1369298809227358,
-        0.014875361290850615,
-        0.0007868691311456133,
-        1.8463183175100548e-05,
-        1.421511758316446e-07,
-        2.0442631033899397e-15,
-    ],
-];
-
 /// Uniform number strictly between 0 and 1 from one word.
 #[must_use]
 pub fn uniform(word: u64) -> f64 {
@@ -149,23 +75,7 @@ pub fn uniform(word: u64) -> f64 {
 /// Standard normal number from one word; it rises with the word.
 #[must_use]
 pub fn normal(word: u64) -> f64 {
-    let probability = uniform(word);
-    let q = probability - 0.5;
-    if q.abs() <= 0.425 {
-        return q * quotient(&CENTRE, 0.180_625 - q * q);
-    }
-    let tail = if q < 0.0 { probability } else { 1.0 - probability };
-    let s = (-ln(tail)).sqrt();
-    let size = if s <= 5.0 {
-        quotient(&FLANK, s - 1.6)
-    } else {
-        quotient(&TAIL, s - 5.0)
-    };
-    if q < 0.0 { -size } else { size }
-}
-
-fn quotient([numerator, denominator]: &[[f64; 8]; 2], x: f64) -> f64 {
-    polynomial(numerator, x) / polynomial(denominator, x)
+    quantile(uniform(word))
 }
 
 /// `ln x` of `x ~ Gamma(shape, 1)`, for a finite `shape > 0`. Any other shape gives [`NAN`] and takes no

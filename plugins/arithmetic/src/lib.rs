@@ -18,6 +18,7 @@
 //! | [`double`] | exp, exp_m1, ln, ln_1p, tanh of `f64` |
 //! | [`trigonometry`] | sin and cos of `f64` |
 //! | [`power`] | real and whole powers of `f64` |
+//! | [`normal`] | probabilities and quantiles of the normal distribution, of `f64` |
 //! | [`gamma`] | ln Gamma, digamma and trigamma of `f64` |
 //! | [`gamma_slope`] | derivative of a gamma draw in its shape, of `f64` |
 //! | [`draws`] | uniform, normal and gamma numbers from a stream of 64-bit words |
@@ -27,7 +28,7 @@
 //! | [`errors`] | errors in units in the last place |
 //!
 //! A NaN result always has the bits `0x7fc00000` or `0x7ff8000000000000` in the functions of [`single`],
-//! [`double`], [`trigonometry`], [`power`], [`gamma`] and [`draws`]. Elsewhere its bits are unspecified,
+//! [`double`], [`trigonometry`], [`power`], [`normal`], [`gamma`] and [`draws`]. Elsewhere its bits are unspecified,
 //! since processors differ in them.
 
 pub mod digests;
@@ -36,6 +37,7 @@ pub mod draws;
 pub mod errors;
 pub mod gamma;
 pub mod gamma_slope;
+pub mod normal;
 pub mod power;
 pub mod products;
 pub mod single;

@@ -4,7 +4,7 @@ use crate::digests::{self, DOUBLE, KEPT, SINGLE};
 use crate::draws::{GOLDEN, Stream, WordStream, log_gamma, mix, normal, uniform};
 use crate::products::{BLOCK, Matrix, SUM_BLOCK, product, row_sums, sum, sum_of_squares};
 use crate::steps::{Rates, clip, follow};
-use crate::{double, errors, gamma, gamma_slope, power, single, slices, trigonometry};
+use crate::{double, errors, gamma, gamma_slope, normal, power, single, slices, trigonometry};
 use proptest::prelude::*;
 
 mod of_draws;

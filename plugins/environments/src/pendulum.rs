@@ -18,6 +18,7 @@
 //! Departure: the torque is given as a fraction of the largest one, since agents act within -1 and 1.
 
 use crate::unit_box::{self, LimitExcess};
+use arithmetic::trigonometry::{cos, sin};
 use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
 use schemars::JsonSchema;
@@ -73,7 +74,7 @@ impl PendulumConfig {
             length,
             ..
         } = self;
-        3.0 * gravity / (2.0 * length) * angle.sin() + 3.0 / (mass * length * length) * torque
+        3.0 * gravity / (2.0 * length) * sin(angle) + 3.0 / (mass * length * length) * torque
     }
 }
 
@@ -164,13 +165,14 @@ impl Pendulum {
 
     fn observe(&self) -> Vec<Vec<f64>> {
         let Motion { angle, speed, .. } = self.motion;
-        vec![vec![angle.cos(), angle.sin(), speed]]
+        vec![vec![cos(angle), sin(angle), speed]]
     }
 
     /// Cost of the present state and a torque.
     fn cost(&self, torque: f64) -> f64 {
         let Motion { angle, speed, .. } = self.motion;
-        wrapped(angle).powi(2) + 0.1 * speed * speed + 0.001 * torque * torque
+        let tilt = wrapped(angle);
+        tilt * tilt + 0.1 * speed * speed + 0.001 * torque * torque
     }
 
     /// Takes a step of the semi-implicit Euler scheme: the angle follows the new speed.

@@ -7,6 +7,7 @@
 //! | W_k, b_k | tensors `policy.layers.<k>.weight` and `.bias` | `[inputs, outputs]`, `[outputs]` |
 //! | h | `activation(x W + b)` in hidden layers, `x W + b` in the last one | `[outputs]` |
 
+use arithmetic::double::tanh;
 use contract::Error;
 use safetensors::{
     SafeTensors,
@@ -134,7 +135,7 @@ const ACTIVATIONS: [&str; 3] = ["relu", "leaky_relu", "tanh"];
 
 fn activated(activation: &str, x: f64) -> f64 {
     match activation {
-        "tanh" => x.tanh(),
+        "tanh" => tanh(x),
         "leaky_relu" if x < 0.0 => 0.01 * x,
         "leaky_relu" => x,
         _ => x.max(0.0),

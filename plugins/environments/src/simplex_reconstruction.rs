@@ -6,6 +6,7 @@
 //! best reward is 0.
 
 use crate::simplex;
+use arithmetic::double::ln;
 use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
 use schemars::JsonSchema;
@@ -107,9 +108,7 @@ fn channels(prefix: &str, count: usize) -> Vec<Channel> {
 /// A point drawn uniformly from the simplex: exponential variables over their sum are Dirichlet(1, ..., 1).
 fn uniform_point(dimensions: usize, rng: &mut Rng) -> Vec<f64> {
     // The generator's numbers lie in [0, 1); 1 less that keeps the logarithm finite.
-    let draws: Vec<f64> = (0..dimensions)
-        .map(|_| -(1.0 - rng.random::<f64>()).ln())
-        .collect();
+    let draws: Vec<f64> = (0..dimensions).map(|_| -ln(1.0 - rng.random::<f64>())).collect();
     let sum: f64 = draws.iter().sum();
     draws.iter().map(|draw| draw / sum).collect()
 }

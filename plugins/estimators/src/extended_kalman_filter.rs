@@ -11,6 +11,7 @@ use crate::Plant;
 use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
 use environments::turbofan::{EngineName, Model};
 use nalgebra::{DMatrix, DVector};
+use numerics::matrices::product;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -99,16 +100,18 @@ impl Agent for ExtendedKalmanFilter {
         let slopes = self.plant.slopes(&reading, &theta, rng)?;
         let slopes = DMatrix::from_fn(m, d, |sensor, parameter| slopes[parameter][sensor]);
         let expected = DVector::from_vec(self.plant.expected(&reading, &theta, rng)?);
-        let predicted = &self.covariance + DMatrix::identity(d, d) * self.config.walk_sd.powi(2);
-        let spread = &slopes * &predicted * slopes.transpose() + DMatrix::identity(m, m);
+        let walk_sd = self.config.walk_sd;
+        let predicted = &self.covariance + DMatrix::identity(d, d) * (walk_sd * walk_sd);
+        let joint = product(&slopes, &predicted);
+        let spread = product(&joint, &slopes.transpose()) + DMatrix::identity(m, m);
         let inverse = spread.cholesky().ok_or_else(|| Error::Model {
             model: NAME,
             problem: "the covariance is not positive definite any more".into(),
         })?;
-        let gain = inverse.solve(&(&slopes * &predicted)).transpose();
+        let gain = inverse.solve(&joint).transpose();
         let off = DVector::from_vec(reading.measured) - expected;
         self.mean = DVector::from_vec(theta) + &gain * off;
-        let covariance = &predicted - &gain * slopes * &predicted;
+        let covariance = &predicted - product(&product(&gain, &slopes), &predicted);
         // Rounding leaves the covariance slightly asymmetric.
         self.covariance = (&covariance + covariance.transpose()) * 0.5;
         Ok(self.plant.action(self.mean.as_slice()))
@@ -122,6 +125,7 @@ impl Agent for ExtendedKalmanFilter {
         let d = self.plant.n_parameters();
         self.plant.model.restart();
         self.mean = DVector::zeros(d);
-        self.covariance = DMatrix::identity(d, d) * self.config.first_sd.powi(2);
+        let first_sd = self.config.first_sd;
+        self.covariance = DMatrix::identity(d, d) * (first_sd * first_sd);
     }
 }

@@ -2,6 +2,7 @@
 //! Smith 1993; systematic resampling where the effective number of particles falls below half).
 
 use crate::Plant;
+use arithmetic::double::{exp, ln};
 use contract::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
 use environments::turbofan::{EngineName, Model};
 use numerics::gaussian::standard_normal;
@@ -112,11 +113,11 @@ impl ParticleFilter {
             let off = expected
                 .iter()
                 .zip(&reading.measured)
-                .map(|(x, y)| (x - y).powi(2));
-            logs.push(weight.ln() - 0.5 * off.sum::<f64>());
+                .map(|(x, y)| (x - y) * (x - y));
+            logs.push(ln(*weight) - 0.5 * off.sum::<f64>());
         }
         let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let weights: Vec<f64> = logs.iter().map(|log| (log - most).exp()).collect();
+        let weights: Vec<f64> = logs.iter().map(|log| exp(log - most)).collect();
         let total: f64 = weights.iter().sum();
         for ((_, weight), new) in self.particles.iter_mut().zip(weights) {
             *weight = new / total;

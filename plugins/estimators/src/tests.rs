@@ -14,7 +14,12 @@ fn registry() -> Registry {
 fn built(name: &str, config: &serde_json::Value, problem: &TurbofanCalibration) -> Box<dyn Agent> {
     let registry = registry();
     let entry = &registry.agents[name];
-    (entry.build)(config, &problem.interface(), &mut stream(&["estimator"])).unwrap()
+    (entry.build)(
+        &config.clone().into(),
+        &problem.interface(),
+        &mut stream(&["estimator"]),
+    )
+    .unwrap()
 }
 
 fn problem(config: serde_json::Value) -> TurbofanCalibration {
@@ -125,7 +130,7 @@ fn other_environments_are_refused() {
         state: Vec::new(),
     };
     for entry in registry.agents.values() {
-        let built = (entry.build)(&json!({}), &interface, &mut stream(&["refused"]));
+        let built = (entry.build)(&json!({}).into(), &interface, &mut stream(&["refused"]));
         let error = built.map(|_| ()).unwrap_err().to_string();
         assert!(
             error.contains("it reads `altitude_m`, which is not observed"),

@@ -113,7 +113,8 @@ impl Agent for UnscentedKalmanFilter {
         rng: &mut Rng,
     ) -> Result<Vec<Action>, Error> {
         let reading = self.plant.reading(NAME, observations)?;
-        let walk = vec![self.config.walk_sd.powi(2); self.plant.n_parameters()];
+        let walk_sd = self.config.walk_sd;
+        let walk = vec![walk_sd * walk_sd; self.plant.n_parameters()];
         let ones = vec![1.0; reading.measured.len()];
         let (plant, belief) = (&mut self.plant, &mut self.belief);
         let stepped = belief.step(&walk, &reading.measured, &ones, |theta| {

@@ -244,7 +244,7 @@ mod tests {
         let mut registry = Registry::default();
         samples::register(&mut registry);
         let config = json!({ "images": { "shapes": { "count": 1000 } }, "size": 8, "held_out": 0.25 });
-        (registry.environments["image_samples"].build)(&config).unwrap()
+        (registry.environments["image_samples"].build)(&config.into()).unwrap()
     }
 
     fn agent(interface: &Interface) -> Box<dyn Agent> {

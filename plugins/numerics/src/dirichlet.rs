@@ -11,6 +11,7 @@
 //! concentrations below one, coordinates far below the smallest float are ordinary, and the density needs
 //! their logarithms.
 
+use arithmetic::double::exp;
 use rand::RngCore;
 
 use crate::gamma::{log_gamma_slope, sample_log_gamma};
@@ -36,7 +37,7 @@ impl Draw {
     /// Action `a`, the point of the simplex `[n]`.
     #[must_use]
     pub fn action(&self) -> Vec<f64> {
-        self.log_action.iter().map(|log| log.exp()).collect()
+        self.log_action.iter().map(|log| exp(*log)).collect()
     }
 
     /// Gradient in the concentration `[n]` of a function whose gradient in `ln a` is `upstream` `[n]`.
@@ -46,7 +47,7 @@ impl Draw {
     #[must_use]
     pub fn gradient(&self, upstream: &[f64]) -> Vec<f64> {
         let total: f64 = upstream.iter().sum();
-        let through = |((log, slope), direct): ((&f64, &f64), &f64)| slope * (direct - log.exp() * total);
+        let through = |((log, slope), direct): ((&f64, &f64), &f64)| slope * (direct - exp(*log) * total);
         self.log_action
             .iter()
             .zip(&self.slope)

@@ -23,37 +23,27 @@
 use rand::RngCore;
 
 use crate::special::log_sum_exp;
+use arithmetic::double::{exp, ln, ln_1p};
+use arithmetic::draws;
 
 /// `ln(2 pi) / 2`.
 pub const HALF_LN_TWO_PI: f64 = 0.9189385332046728;
 
-/// Draws a uniform number strictly between 0 and 1, a multiple of 2^-54, from one 64-bit word.
+/// Draws a uniform number strictly between 0 and 1, a multiple of 2^-53, from one 64-bit word.
 pub fn standard_uniform(rng: &mut impl RngCore) -> f64 {
-    const SPACING: f64 = 1.0 / (1_u64 << 53) as f64;
-    ((rng.next_u64() >> 11) as f64 + 0.5) * SPACING
+    draws::uniform(rng.next_u64())
 }
 
-/// Draws a standard normal number by Marsaglia's polar method (SIAM Review 6, 1964).
-///
-/// The second number of each pair is discarded, so that a draw depends on the stream alone.
+/// Draws a standard normal number, the quantile of a uniform one, from one 64-bit word.
 pub fn standard_normal(rng: &mut impl RngCore) -> f64 {
-    loop {
-        let (x, y) = (
-            2.0 * standard_uniform(rng) - 1.0,
-            2.0 * standard_uniform(rng) - 1.0,
-        );
-        let square = x * x + y * y;
-        if square < 1.0 && square > 0.0 {
-            return x * (-2.0 * square.ln() / square).sqrt();
-        }
-    }
+    draws::normal(rng.next_u64())
 }
 
 /// Draws `x = mean + exp(log_sd) noise` `[n]`.
 pub fn sample(mean: &[f64], log_sd: &[f64], rng: &mut impl RngCore) -> Vec<f64> {
     mean.iter()
         .zip(log_sd)
-        .map(|(mean, log_sd)| mean + log_sd.exp() * standard_normal(rng))
+        .map(|(mean, log_sd)| mean + exp(*log_sd) * standard_normal(rng))
         .collect()
 }
 
@@ -61,7 +51,7 @@ pub fn sample(mean: &[f64], log_sd: &[f64], rng: &mut impl RngCore) -> Vec<f64> 
 #[must_use]
 pub fn log_density(mean: &[f64], log_sd: &[f64], x: &[f64]) -> f64 {
     let coordinate = |((mean, log_sd), x): ((&f64, &f64), &f64)| {
-        let standardised = (x - mean) * (-log_sd).exp();
+        let standardised = (x - mean) * exp(-log_sd);
         -0.5 * standardised * standardised - log_sd - HALF_LN_TWO_PI
     };
     mean.iter().zip(log_sd).zip(x).map(coordinate).sum()
@@ -77,9 +67,9 @@ pub fn entropy(log_sd: &[f64]) -> f64 {
 #[must_use]
 pub fn kl_divergence(p: (&[f64], &[f64]), q: (&[f64], &[f64])) -> f64 {
     let coordinate = |((p_mean, p_log_sd), (q_mean, q_log_sd)): ((&f64, &f64), (&f64, &f64))| {
-        let distance = (p_mean - q_mean) * (-q_log_sd).exp();
+        let distance = (p_mean - q_mean) * exp(-q_log_sd);
         let log_ratio = p_log_sd - q_log_sd;
-        0.5 * ((2.0 * log_ratio).exp() + distance * distance - 1.0) - log_ratio
+        0.5 * (exp(2.0 * log_ratio) + distance * distance - 1.0) - log_ratio
     };
     p.0.iter().zip(p.1).zip(q.0.iter().zip(q.1)).map(coordinate).sum()
 }
@@ -88,7 +78,7 @@ pub fn kl_divergence(p: (&[f64], &[f64]), q: (&[f64], &[f64])) -> f64 {
 #[must_use]
 pub fn log_tanh_derivative(x: f64) -> f64 {
     // The function is even, and the exponential of -2 |x| cannot overflow.
-    2.0 * (std::f64::consts::LN_2 - x.abs() - (-2.0 * x.abs()).exp().ln_1p())
+    2.0 * (std::f64::consts::LN_2 - x.abs() - ln_1p(exp(-2.0 * x.abs())))
 }
 
 /// Log density of `tanh(candidate)` on the cube `(-1, 1)^n`, given the candidate.
@@ -113,7 +103,7 @@ pub fn log_softmax(candidate: &[f64]) -> Vec<f64> {
 /// sum ln a_i`.
 #[must_use]
 pub fn softmax_log_density(mean: &[f64], log_sd: &[f64], log_action: &[f64]) -> f64 {
-    let weights: Vec<f64> = log_sd.iter().map(|log_sd| (-2.0 * log_sd).exp()).collect();
+    let weights: Vec<f64> = log_sd.iter().map(|log_sd| exp(-2.0 * log_sd)).collect();
     let residuals: Vec<f64> = log_action
         .iter()
         .zip(mean)
@@ -129,10 +119,9 @@ pub fn softmax_log_density(mean: &[f64], log_sd: &[f64], log_action: &[f64]) -> 
     let spread: f64 = weights
         .iter()
         .zip(&residuals)
-        .map(|(weight, residual)| weight * (residual - centre).powi(2))
+        .map(|(weight, residual)| weight * (residual - centre) * (residual - centre))
         .sum();
-    let constants =
-        (mean.len() as f64 - 1.0) * HALF_LN_TWO_PI + log_sd.iter().sum::<f64>() + 0.5 * total.ln();
+    let constants = (mean.len() as f64 - 1.0) * HALF_LN_TWO_PI + log_sd.iter().sum::<f64>() + 0.5 * ln(total);
     -constants - 0.5 * spread - log_action.iter().sum::<f64>()
 }
 

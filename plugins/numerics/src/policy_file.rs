@@ -12,12 +12,12 @@
 //! action = action_center + action_spread * head(x)       # where the header has these
 //! ```
 
+use crate::activation::Activation;
 use crate::equations::{network::Network, state_file::store_network};
-use crate::network::{Activation, Mlp};
-use crate::parameters::store;
 use crate::tensor_file::{TensorFile, TensorFileError};
 use arithmetic::products::{Matrix, product};
 use plan::State;
+use rand::RngCore;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -95,25 +95,30 @@ pub struct Ports {
 }
 
 impl Policy {
-    /// Creates a policy from a network, which may be a trained or a plain one.
-    #[must_use]
-    pub fn new(network: &Mlp, ports: Ports, head: Head) -> Self {
-        let mut parameters = TensorFile::default();
-        store(network, PREFIX, &mut parameters);
-        let header = header(network.sizes(), network.activations(), ports, head);
-        Self { header, parameters }
-    }
-
-    /// Creates a policy from a network of a plan and its state.
+    /// Creates a policy from a network and its parameters in a state.
     ///
     /// # Panics
     /// Where the state lacks a parameter of the network.
     #[must_use]
-    pub fn of_state(network: &Network, state: &State<f32>, ports: Ports, head: Head) -> Self {
+    pub fn new(network: &Network, state: &State<f32>, ports: Ports, head: Head) -> Self {
         let mut parameters = TensorFile::default();
         store_network(network, PREFIX, state, &mut parameters);
         let header = header(network.sizes().to_vec(), network.activations(), ports, head);
         Self { header, parameters }
+    }
+
+    /// Creates a policy with new weights after He et al. 2015; `sizes` and `activations` as in [`Network::new`].
+    #[must_use]
+    pub fn untrained(
+        sizes: &[usize],
+        activations: &[Activation],
+        ports: Ports,
+        head: Head,
+        rng: &mut impl RngCore,
+    ) -> Self {
+        let (network, mut state) = (Network::new(PREFIX, sizes, activations), State::default());
+        network.initialise(1.0, &mut state, rng);
+        Self::new(&network, &state, ports, head)
     }
 
     /// Policy whose actions are multiplied by `spread` and shifted by `center` after the head.
@@ -338,7 +343,6 @@ fn format_error(source: &serde_json::Error) -> TensorFileError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::network::device;
     use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
     /// The error of a file without the file's name.
@@ -351,22 +355,18 @@ mod tests {
 
     fn policy(head: Head) -> Policy {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
-        let network = Mlp::new(&[2, 8, 3], &[Activation::Tanh], 1.0, &mut rng, &device());
         let words = |words: &[&str]| words.iter().map(ToString::to_string).collect();
         let (inputs, outputs) = (
             words(&["voltage_1", "power_demand_w"]),
             words(&["share_1", "share_2", "share_3"]),
         );
-        Policy::new(
-            &network,
-            Ports {
-                inputs,
-                center: vec![3.4, 34.0],
-                spread: vec![0.2, 13.0],
-                outputs,
-            },
-            head,
-        )
+        let ports = Ports {
+            inputs,
+            center: vec![3.4, 34.0],
+            spread: vec![0.2, 13.0],
+            outputs,
+        };
+        Policy::untrained(&[2, 8, 3], &[Activation::Tanh], ports, head, &mut rng)
     }
 
     #[test]

@@ -4,18 +4,14 @@
 //! For `1e-3 <= x <= 1e6` the first three are within 1e-14 of the exact value, relative to the larger of the
 //! value and one. For `x <= 0` and NaN they return NaN.
 
+use arithmetic::double::{exp, ln};
 pub use arithmetic::gamma::{digamma, ln_gamma, trigamma};
 use arithmetic::gamma_slope::{is_upper_tail, upper_fraction};
 
 /// Logarithm of the sum of exponentials, without overflow.
 pub(crate) fn log_sum_exp(values: &[f64]) -> f64 {
     let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    largest
-        + values
-            .iter()
-            .map(|value| (value - largest).exp())
-            .sum::<f64>()
-            .ln()
+    largest + ln(values.iter().map(|value| exp(value - largest)).sum())
 }
 
 /// Regularised lower incomplete gamma function `P(shape, x)`: the distribution function of a Gamma(shape, 1)
@@ -30,7 +26,7 @@ pub fn lower_incomplete_gamma(shape: f64, x: f64) -> f64 {
     if x == 0.0 || x == f64::INFINITY {
         return f64::from(x > 0.0);
     }
-    let front = (shape * x.ln() - x - ln_gamma(shape)).exp();
+    let front = exp(shape * ln(x) - x - ln_gamma(shape));
     if is_upper_tail(shape, x) {
         1.0 - front * upper_fraction(shape, x).0
     } else {

@@ -12,6 +12,7 @@
 //! | X_0 = x, X_i = x +- column i of chol((d + lambda) P) | `SigmaPoints::at` | `2 d + 1` points |
 //! | W_m, W_c | weights of means and covariances | `[2 d + 1]` |
 
+use crate::matrices::product;
 use nalgebra::{DMatrix, DVector};
 
 /// Spread and weights of the sigma points.
@@ -143,7 +144,7 @@ impl UnscentedFilter {
         let gain = inverse.solve(&joint.transpose()).transpose();
         let off = DVector::from_column_slice(measured) - expected;
         let mean = &self.mean + &gain * off;
-        let covariance = predicted - &gain * spread * gain.transpose();
+        let covariance = predicted - product(&product(&gain, &spread), &gain.transpose());
         // Rounding leaves the covariance slightly asymmetric.
         self.covariance = (&covariance + covariance.transpose()) * 0.5;
         self.mean = mean;

@@ -241,6 +241,23 @@ impl Graph {
         self.compute(Operation::LargestOfColumns, vec![x], shape)
     }
 
+    /// Column of the largest entry of each row, the first one of equals, `[rows, 1]`, through which no gradient passes.
+    /// A NaN is no larger than any number, nor any number than it.
+    #[must_use]
+    pub fn place_of_largest(&mut self, x: Value) -> Value {
+        let shape = [self.shape(x)[0], 1];
+        self.compute(Operation::PlaceOfLargest, vec![x], shape)
+    }
+
+    /// Entry of each row with the given rank in ascending order, 0 for the smallest one, `[rows, 1]`, through which no
+    /// gradient passes. The order is the total one of IEEE 754.
+    #[must_use]
+    pub fn ranked(&mut self, x: Value, rank: usize) -> Value {
+        let [rows, columns] = self.shape(x);
+        assert!(rank < columns, "rank {rank} of {}", self.shown(x));
+        self.compute(Operation::Ranked { rank }, vec![x], [rows, 1])
+    }
+
     /// The same entries, row by row, in another shape.
     #[must_use]
     pub fn reshape(&mut self, x: Value, shape: Shape) -> Value {

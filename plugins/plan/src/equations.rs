@@ -256,6 +256,10 @@ functions! {
     log_softmax();
     /// Largest entry of each row, `[rows, 1]`, without a gradient.
     largest_of_columns();
+    /// Column of the largest entry of each row, the first one of equals, `[rows, 1]`, without a gradient.
+    place_of_largest();
+    /// Entry of each row with a rank in ascending order, 0 for the smallest one, `[rows, 1]`, without a gradient.
+    ranked(rank: usize);
     /// The same entries in another shape.
     reshape(shape: Shape);
     /// Each row a number of times, one after the other.

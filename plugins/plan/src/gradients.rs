@@ -50,7 +50,11 @@ impl Graph {
             let node = &self.nodes[at];
             let passes = !matches!(
                 node.operation,
-                Operation::Map(Function::Stop) | Operation::LargestOfColumns | Operation::ClipScale { .. }
+                Operation::Map(Function::Stop)
+                    | Operation::LargestOfColumns
+                    | Operation::PlaceOfLargest
+                    | Operation::Ranked { .. }
+                    | Operation::ClipScale { .. }
             );
             let passes_from = |operand: usize| match &node.operation {
                 Operation::Extension(extension) => extension.0.passes(operand),

@@ -148,6 +148,10 @@ pub(crate) enum Operation {
     Sum,
     /// Largest entry of each row, through which no gradient passes.
     LargestOfColumns,
+    /// Column of the largest entry of each row, the first one of equals, through which no gradient passes.
+    PlaceOfLargest,
+    /// Entry of each row with a rank in ascending order, through which no gradient passes.
+    Ranked { rank: usize },
     /// Matrices of equal rows side by side.
     Join,
     /// As many columns as the result has, from a first one on.
@@ -200,7 +204,7 @@ impl Operation {
             Operation::Map(Function::Repeat | Function::Stop) => 0,
             Operation::Map(_) | Operation::Combine(_) => n(result),
             Operation::SumRows | Operation::SumColumns | Operation::Sum | Operation::LargestOfColumns => all,
-            Operation::SumGroups { .. } => all,
+            Operation::SumGroups { .. } | Operation::PlaceOfLargest | Operation::Ranked { .. } => all,
             Operation::Normal { .. } | Operation::Uniform { .. } => n(result),
             Operation::LogGamma { .. } | Operation::LogGammaSlope | Operation::Rows(_) => all,
             Operation::ClipScale { .. } => 2 * all,

@@ -10,7 +10,7 @@ use crate::graph::{Graph, Routine, Shape, Step, Value};
 use crate::kernels::{Kernel, compile};
 use crate::memory::Memory;
 use crate::operations::{Operation, Pair, RowFunction};
-use crate::rows::{by_rows, column, largest, place, sum_row, sum_rows};
+use crate::rows::{by_rows, column, largest, place, place_of_largest, ranked, sum_row, sum_rows};
 use crate::scalar::{Factor, Scalar, combine, map};
 use crate::state::State;
 use crate::updates::Update;
@@ -405,6 +405,10 @@ impl<T: Scalar> Processor<T> {
             Operation::Sum => result[0] = T::sum(x),
             Operation::SumColumns => by_rows(result, x, width, sum_row),
             Operation::LargestOfColumns => by_rows(result, x, width, largest),
+            Operation::PlaceOfLargest => by_rows(result, x, width, place_of_largest),
+            Operation::Ranked { rank } => {
+                by_rows(result, x, width, |row| ranked(row, rank, &mut self.chains));
+            }
             Operation::Join => {
                 let mut first = 0;
                 for operand in &node.operands {

@@ -41,7 +41,12 @@ pub(crate) fn sum_row<T: Scalar>(row: &[T]) -> T {
 }
 
 /// One number for each row.
-pub(crate) fn by_rows<T: Scalar>(result: &mut [T], x: &[T], width: usize, function: impl Fn(&[T]) -> T) {
+pub(crate) fn by_rows<T: Scalar>(
+    result: &mut [T],
+    x: &[T],
+    width: usize,
+    mut function: impl FnMut(&[T]) -> T,
+) {
     for (result, row) in result.iter_mut().zip(x.chunks_exact(width)) {
         *result = function(row);
     }
@@ -52,6 +57,20 @@ pub(crate) fn by_rows<T: Scalar>(result: &mut [T], x: &[T], width: usize, functi
 pub(crate) fn largest<T: Scalar>(row: &[T]) -> T {
     let larger = |a: T, b: T| if b > a || b != b { b } else { a };
     row.iter().copied().reduce(larger).unwrap_or_default()
+}
+
+/// Place of the largest number of a row, the first one of equals.
+pub(crate) fn place_of_largest<T: Scalar>(row: &[T]) -> T {
+    let better = |best, at| if row[at] > row[best] { at } else { best };
+    T::of((0..row.len()).fold(0, better) as f64)
+}
+
+/// Number of a row with a rank in ascending order. `memory` is overwritten.
+pub(crate) fn ranked<T: Scalar>(row: &[T], rank: usize, memory: &mut Vec<T>) -> T {
+    memory.clear();
+    memory.extend_from_slice(row);
+    let by_size = |a: &T, b: &T| a.wide().total_cmp(&b.wide());
+    *memory.select_nth_unstable_by(rank, by_size).1
 }
 
 /// Copies rows of `width` entries to rows of `columns` entries, from column `first` on.

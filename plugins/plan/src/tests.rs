@@ -11,6 +11,7 @@ mod of_draws;
 mod of_equations;
 mod of_extensions;
 mod of_gradients;
+mod of_order;
 mod of_plans;
 mod of_states;
 

@@ -23,7 +23,7 @@ thread_local! {
 }
 
 /// Walks of one or several seats, the first of which steers. Seat `k` earns `k + 1` times the position.
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct WalkConfig {
     /// Number of walks.
@@ -110,7 +110,7 @@ fn walk(config: WalkConfig) -> Result<Box<dyn Environment>, Error> {
     }))
 }
 
-#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct NoConfig {}
 

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use std::{collections::BTreeSet, path::Path};
 
 /// Dice with a file whose number is added to each throw.
-#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct DiceConfig {
     /// A file with one number.
@@ -84,7 +84,7 @@ fn dice(config: DiceConfig) -> Result<Box<dyn Environment>, Error> {
 }
 
 /// Guesses a number; in training, counts the calls of `learn`.
-#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct GuessConfig {
     /// Whether its loss is NaN.

@@ -3,12 +3,12 @@
 
 use crate::refusal::Refusal;
 use contract::{
-    Environment, Registry, artifact::no_artifact, part::Part, plugin::About, registry::EnvironmentEntry,
+    Environment, Registry, artifact::no_artifact, complete_config::CompleteConfig, part::Part, plugin::About,
+    registry::EnvironmentEntry,
 };
 use document::diagnostic;
 
 use pyo3::prelude::*;
-use serde_json::Value;
 use std::{path::Path, sync::LazyLock};
 
 pub static REGISTRY: LazyLock<Registry> = LazyLock::new(plugins::registry);
@@ -16,7 +16,7 @@ pub static REGISTRY: LazyLock<Registry> = LazyLock::new(plugins::registry);
 /// An environment with a checked config, which can be built any number of times.
 pub struct ConfiguredEnvironment {
     entry: &'static EnvironmentEntry,
-    config: Value,
+    config: CompleteConfig,
     /// Key of the environment's random streams in a trial.
     pub stream_id: String,
 }
@@ -32,7 +32,7 @@ impl ConfiguredEnvironment {
         let part = read(name, &entry.about, keys, file)?;
         Ok(Self {
             entry,
-            config: part.loaded(&no_artifact)?.into_owned(),
+            config: part.loaded(&no_artifact)?,
             stream_id: part.stream_id(&entry.about),
         })
     }

@@ -458,7 +458,7 @@ mod tests {
         let claim = parse(text).unwrap();
         let swept = |kind: &str, watts: i32| {
             let values = [("kind", json!(kind)), ("load", json!({ "watts": [8, watts] }))];
-            SweepPoint::new(values.map(|(key, value)| (key.to_owned(), value)).into())
+            SweepPoint::from_iter(values)
         };
         let operand = claim.operands()[0].clone();
         assert!(operand.is_at(&swept("b, [c]", 16)));
@@ -466,7 +466,7 @@ mod tests {
         assert_eq!(claim.to_string(), text);
         // A word is the same value with quotes and without.
         let plain = parse(r#"a[kind="b"].return > a[kind=b].return"#).unwrap();
-        let point = SweepPoint::new(vec![("kind".to_owned(), json!("b"))]);
+        let point = SweepPoint::from_iter([("kind", json!("b"))]);
         assert!(plain.operands().iter().all(|operand| operand.is_at(&point)));
     }
 

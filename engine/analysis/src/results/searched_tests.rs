@@ -148,7 +148,7 @@ fn result(
         id: format!("{key} {seed}"),
         cell: TrialCell {
             combination: Combination {
-                point: SweepPoint::new(values.collect()),
+                point: SweepPoint::from_iter(values),
                 ..TrialCell::of("e", "a").combination
             },
             purpose: Purpose::Tried(search.name.clone()),

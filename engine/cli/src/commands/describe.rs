@@ -64,9 +64,15 @@ pub(super) fn describe(
 pub(super) fn plan(registry: &Registry, agent: &str, environment: &str) -> Result<Exit, Failure> {
     let unknown = |group: Group, name: &str| {
         let help = format!("`regimen list {}` lists them", group.word());
-        Failure::refusal(format!("there is no `{name}` among the {}\nhelp: {help}", group.word()))
+        Failure::refusal(format!(
+            "there is no `{name}` among the {}\nhelp: {help}",
+            group.word()
+        ))
     };
-    let learner = registry.agents.get(agent).ok_or_else(|| unknown(Group::Agents, agent))?;
+    let learner = registry
+        .agents
+        .get(agent)
+        .ok_or_else(|| unknown(Group::Agents, agent))?;
     let world = registry.environments.get(environment);
     let world = world.ok_or_else(|| unknown(Group::Environments, environment))?;
     let interface = (world.build)(&world.about.defaults)?.interface();

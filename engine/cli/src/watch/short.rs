@@ -1,5 +1,6 @@
 //! Names of agents with their settings as short as a terminal needs them.
 
+use contract::sweep_point::last_word;
 use std::{borrow::Cow, collections::BTreeSet};
 
 /// How many letters of each word of a key stay, and how many digits of a value; all where there is no number.
@@ -60,8 +61,7 @@ fn short_key(key: &str, letters: Option<usize>) -> String {
     let Some(letters) = letters else {
         return key.to_owned();
     };
-    let last = key.rsplit('.').next().unwrap_or(key);
-    let words = last
+    let words = last_word(key)
         .split('_')
         .map(|word| word.chars().take(letters).collect::<String>());
     let words: Vec<String> = words.collect();

@@ -28,12 +28,10 @@ pub fn about_policy() -> &'static About {
     ABOUT.get_or_init(|| About {
         about: "The policy that another trial left, measured and not trained any more.",
         version: VERSION,
-        defaults: json!({}),
+        defaults: json!({}).into(),
         schema: reference_schema(ArtifactKind::Policy),
         presets: Vec::new(),
-        resolve: Box::new(|raw| {
-            serde_json::to_value(serde_json::from_value::<Artifact<Policy>>(raw.clone())?)
-        }),
+        resolve: Box::new(|raw| serde_json::to_value(Artifact::<Policy>::deserialize(raw)?).map(Into::into)),
     })
 }
 

@@ -44,7 +44,7 @@ impl Team {
                 Error::config("agent", format!("`{name}` is not registered in this program"))
             })?;
             let mut rng = streams.agent(&format!("initialise {role}"));
-            let mut agent = (entry.build)(&*member.agent.loaded(find)?, interface, &mut rng)?;
+            let mut agent = (entry.build)(&member.agent.loaded(find)?, interface, &mut rng)?;
             if let Some(trial) = &member.trial {
                 take_up(&mut *agent, name, trial, find)?;
             }

@@ -65,15 +65,15 @@ impl Figure for GroupedLines {
 
 /// Says where no sweep of the study varies the key.
 fn check_swept(key: &str, names: &mut Names<'_>, at: &Place<'_>) {
-    let swept = &names.vocabulary.swept;
+    let swept = names.vocabulary.swept_names();
     if swept.is_empty() {
         names.say(
             at.value("x"),
             format!("`x` is `{key}`, but the study has no `sweep`"),
             "",
         );
-    } else if !swept.iter().any(|known| known == key) {
-        let help = suggest(key, swept.iter().map(String::as_str));
+    } else if !swept.contains(&key) {
+        let help = suggest(key, swept);
         names.say(at.value("x"), format!("no sweep varies `{key}`"), help);
     }
 }

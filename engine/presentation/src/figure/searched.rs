@@ -1,11 +1,8 @@
 //! Settings of a search that were completed, as places in their ranges, for figures.
 
 use super::build::{Context, problem};
-use analysis::{
-    results::{SearchResult, TriedSetting},
-    search::Range,
-};
-use contract::Error;
+use analysis::results::{SearchResult, TriedSetting};
+use contract::{Error, sweep_point::names};
 
 /// Settings that were trained to the end.
 pub(super) struct CompletedSettings<'a> {
@@ -55,11 +52,14 @@ impl<'a> CompletedSettings<'a> {
 
     /// The keys by their last words, or in full where last words are not unique.
     pub(super) fn keys(&self) -> Vec<&'a str> {
-        let all = &self.result.search.keys;
-        let last = |key: &'a str| key.rsplit('.').next().unwrap_or_default();
-        let is_unique = |key: &'a str| all.iter().filter(|(other, _)| last(other) == last(key)).count() == 1;
-        let short = |(key, _): &'a (String, Range)| if is_unique(key) { last(key) } else { key.as_str() };
-        all.iter().map(short).collect()
+        let all: Vec<&str> = self
+            .result
+            .search
+            .keys
+            .iter()
+            .map(|(key, _)| key.as_str())
+            .collect();
+        names(&all)
     }
 }
 

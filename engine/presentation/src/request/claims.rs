@@ -265,15 +265,13 @@ impl Names<'_> {
     /// The first key or value of an operand's setting that no sweep has, with a sentence on it and the known ones.
     fn unknown_setting(&self, operand: &Operand) -> Option<(String, String, Vec<String>)> {
         operand.setting.iter().find_map(|(key, value)| {
-            let Some(values) = self.vocabulary.swept_values.get(key) else {
-                return Some((
-                    key.clone(),
-                    format!("no sweep varies `{key}`"),
-                    self.vocabulary.swept.clone(),
-                ));
-            };
+            let values = self.vocabulary.swept_values(key);
+            if values.is_empty() {
+                let known = self.vocabulary.swept_names().into_iter().map(str::to_owned);
+                return Some((key.clone(), format!("no sweep varies `{key}`"), known.collect()));
+            }
             let message = || format!("the sweep gives `{key}` no value `{value}`");
-            (!values.contains(value)).then(|| (value.clone(), message(), values.clone()))
+            (!values.contains(value)).then(|| (value.clone(), message(), values))
         })
     }
 

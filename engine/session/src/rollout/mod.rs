@@ -18,15 +18,14 @@ pub(crate) use play::episode;
 
 use crate::{Exit, Failure, one_trial};
 use contract::{
-    Agent, Environment, Registry, artifact::Taken, part::Part, plugin::About, random::Streams,
-    registry::AgentEntry, trial_result::TrialResult,
+    Agent, Environment, Registry, artifact::Taken, complete_config::CompleteConfig, part::Part,
+    plugin::About, random::Streams, registry::AgentEntry, trial_result::TrialResult,
 };
 use document::diagnostic;
 use execution::{
     store::{Store, TrialFile},
     world::fs,
 };
-use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// An episode in an environment that belongs to no trial.
@@ -138,7 +137,7 @@ impl AskedAgent<'_> {
             .as_ref()
             .filter(|part| part.plugin == name && self.config.is_none())
         {
-            Some(part) => part.config.whole().into_owned(),
+            Some(part) => part.config.clone(),
             None => config(name, &entry.about, self.config)?,
         };
         if entry.learns_with(&config) && self.policy.is_none() {
@@ -168,7 +167,7 @@ impl AskedAgent<'_> {
 
 fn build(
     entry: &AgentEntry,
-    config: &Value,
+    config: &CompleteConfig,
     environment: &dyn Environment,
     seed: u64,
 ) -> Result<Box<dyn Agent>, Failure> {
@@ -243,12 +242,12 @@ fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
     Ok(store.load(&one_trial::named(&id, file.key).into())?)
 }
 
-fn config(name: &str, about: &About, path: Option<&Path>) -> Result<Value, Failure> {
+fn config(name: &str, about: &About, path: Option<&Path>) -> Result<CompleteConfig, Failure> {
     let part = study::load_config(name, about, path).map_err(|problems| Failure {
         exit: Exit::BadStudy,
         text: diagnostic::render_first(&problems),
     })?;
-    Ok(part.config.whole().into_owned())
+    Ok(part.config)
 }
 
 fn untrained(name: &str) -> Failure {

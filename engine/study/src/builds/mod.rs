@@ -12,6 +12,7 @@ use crate::{
     config::locate,
     fit,
     part::{self, Form, ResolvedPart},
+    sweep::SweptKey,
     written::{NamedPart, Target},
 };
 use contract::{
@@ -23,7 +24,6 @@ use contract::{
     standard_metrics::{
         EPISODE_LENGTH, time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric,
     },
-    sweep_point::word,
 };
 use document::diagnostic::{Diagnostic, in_order, say_once};
 use execution::patience;
@@ -91,19 +91,14 @@ pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vo
             .map(|it| (it.search.name.clone(), it.search.metric.clone()))
             .collect(),
         settings: cells.settings(),
+        swept: sections
+            .dimensions
+            .iter()
+            .flat_map(|dimension| &dimension.keys)
+            .map(SweptKey::in_words)
+            .collect(),
         ..Vocabulary::default()
     };
-    for key in sections.dimensions.iter().flat_map(|dimension| &dimension.keys) {
-        // Settings write a key with its last word, or as a whole where that is not unique.
-        let last = key.text.rsplit('.').next().unwrap_or_default().to_string();
-        for name in [last, key.text.clone()] {
-            if !vocabulary.swept.contains(&name) {
-                let values = key.values.iter().map(|value| word(&value.to_value()));
-                vocabulary.swept_values.insert(name.clone(), values.collect());
-                vocabulary.swept.push(name);
-            }
-        }
-    }
     let mut builder = Builder {
         sections,
         cells,

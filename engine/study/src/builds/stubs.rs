@@ -8,11 +8,11 @@ use crate::{
     dependencies,
 };
 use contract::{
-    Agent, ArtifactKind, Error, Interface, artifact::Taken, protocol::write_checkpoint_specimen, random,
+    Agent, ArtifactKind, Error, Interface, artifact::Taken, complete_config::CompleteConfig,
+    protocol::write_checkpoint_specimen, random,
 };
 use document::diagnostic::Diagnostic;
 use execution::world::fs;
-use serde_json::Value;
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -96,7 +96,7 @@ impl Builder<'_> {
     }
 
     /// The config from which a part is built: with the content of data files, and with stubs for artifacts.
-    pub(super) fn config(&self, cell: &Cell, part: usize) -> Result<Value, Error> {
+    pub(super) fn config(&self, cell: &Cell, part: usize) -> Result<CompleteConfig, Error> {
         let resolved = &cell.parts[part].part;
         let of_part = cell.sources.iter().filter(|source| source.part == part);
         let folders: BTreeMap<&Taken, &PathBuf> = of_part
@@ -114,7 +114,7 @@ impl Builder<'_> {
                 problem: "no stub of it was made".into(),
             })
         };
-        Ok(resolved.loaded(&find)?.into_owned())
+        resolved.loaded(&find)
     }
 
     /// The agent whose policy a cell measures, with the stub of the policy taken up.

@@ -66,8 +66,7 @@ fn reasons(key: &TrialKey, seeds: std::ops::Range<u64>, stored: &[StoredCell]) -
 
 fn edited(part: fn(&mut TrialKey) -> &mut Part, pointer: &str, value: Value) -> TrialKey {
     let mut key = key();
-    let config = part(&mut key).config.make_mut();
-    *config.pointer_mut(pointer).unwrap() = value;
+    *part(&mut key).config.pointer_mut(pointer).unwrap() = value;
     key
 }
 

@@ -39,11 +39,7 @@ use contract::{
     Registry, Rng, Transition, Updates, choice,
 };
 use controller::Controller;
-use numerics::{
-    network::values,
-    optimizer::{Adam, TrainedNetwork},
-    tensor_file::TensorFile,
-};
+use numerics::tensor_file::TensorFile;
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -131,7 +127,7 @@ impl Config {
 pub struct AutoGan {
     config: Config,
     choices: Vec<Choice>,
-    controller: TrainedNetwork<Controller>,
+    controller: Controller,
     state: State,
     /// Options so far of the design in evaluation.
     scored: Options,
@@ -197,37 +193,35 @@ impl AutoGan {
     }
 
     /// Options of the next step of a design: those of its beginning, then random ones.
-    fn decide(&self, so_far: &Options, beginning: &Options, rng: &mut Rng) -> Vec<usize> {
+    fn decide(&mut self, rng: &mut Rng) -> Vec<usize> {
+        let so_far = &self.state.under_way.options;
         let mut draw = |probabilities: &[f32]| drawn(probabilities, rng.random());
-        match beginning.get(so_far.len()) {
+        match self.state.beginning.get(so_far.len()) {
             Some(given) => given.clone(),
-            None => self.controller.network().decide(so_far, &mut draw),
+            None => self.controller.decide(so_far, &mut draw),
         }
     }
 
     /// Trains the controller on the cell of the stage, whose value is the reward of the design so far.
     fn improve(&mut self, record: &mut Recorder) -> Result<(), Error> {
         let PartialDesign { options, earned } = &self.state.under_way;
-        let (log_probability, entropy) = self.controller.network().judged(options);
-        let entropy = f64::from(values(entropy)[0]);
+        let (log_probability, entropy) = self.controller.judge(options);
         let reward = earned + self.config.entropy_bonus * entropy;
         let decay = self.config.baseline_decay;
         let baseline = self
             .state
             .baseline
             .map_or(reward, |before| decay * before + (1.0 - decay) * reward);
-        let loss = log_probability * (baseline - reward);
-        record.mean(
+        let weight = baseline - reward;
+        let loss = finite(
             "controller_loss",
-            finite(
-                "controller_loss",
-                self.state.n_evaluations,
-                values(loss.clone())[0],
-            )?,
-        );
+            self.state.n_evaluations,
+            log_probability * weight,
+        )?;
+        record.mean("controller_loss", loss);
         record.mean("controller_entropy", entropy);
         record.mean("baseline", baseline);
-        self.controller.descend(&loss);
+        self.controller.descend(options, weight);
         self.state.baseline = Some(baseline);
         self.state.n_updates += 1;
         Ok(())
@@ -275,10 +269,9 @@ impl AutoGan {
     }
 }
 
-fn fresh(config: &Config, choices: &[Choice], rng: &mut Rng) -> TrainedNetwork<Controller> {
+fn fresh(config: &Config, choices: &[Choice], rng: &mut Rng) -> Controller {
     let sizes: Vec<usize> = choices.iter().map(|choice| choice.options.len()).collect();
-    let controller = Controller::new(&sizes, config.width, rng);
-    TrainedNetwork::new(controller, Adam::with_betas(config.learning_rate, [0.0, 0.9]))
+    Controller::new(&sizes, config.width, config.learning_rate, rng)
 }
 
 /// Option at which the cumulative probability passes `uniform`, a number in 0..1.
@@ -310,18 +303,17 @@ impl Agent for AutoGan {
         let mut row = |_| {
             let taken = match mode {
                 Mode::Train => {
-                    let so_far = self.state.under_way.options.clone();
-                    if so_far.is_empty() {
+                    if self.state.under_way.options.is_empty() {
                         #[allow(clippy::cast_possible_truncation, reason = "a few designs are kept")]
                         let at = rng.random_range(0..self.state.beginnings.len() as u32) as usize;
                         self.state.beginning = self.state.beginnings[at].clone();
                     }
-                    self.decide(&so_far, &self.state.beginning, rng)
+                    self.decide(rng)
                 }
                 Mode::Evaluate => {
                     let given = self.state.beginnings[0].get(self.scored.len()).cloned();
-                    let network = self.controller.network();
-                    let taken = given.unwrap_or_else(|| network.decide(&self.scored, &mut most_likely));
+                    let (controller, scored) = (&mut self.controller, &self.scored);
+                    let taken = given.unwrap_or_else(|| controller.decide(scored, &mut most_likely));
                     self.scored.push(taken.clone());
                     taken
                 }
@@ -377,14 +369,14 @@ impl Agent for AutoGan {
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
         let mut file = TensorFile::default();
-        self.controller.store("controller", &mut file);
+        self.controller.store(&mut file);
         checkpoint::write(NAME, dir, file, &self.state)
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
         let (file, state) = checkpoint::read(NAME, dir)?;
         self.controller
-            .restore("controller", &file)
+            .restore(&file)
             .map_err(checkpoint::error_of(NAME))?;
         self.state = state;
         Ok(())

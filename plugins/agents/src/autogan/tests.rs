@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::shared::designs::tests::{BEST, interface, scored, search};
-use numerics::parameters::{parameters, with_parameters};
+use plan::{Equations, differences::largest_error};
 
 fn agent(config: Config, seed: &str) -> AutoGan {
     AutoGan::new(
@@ -61,14 +61,13 @@ fn the_best_derived_designs_are_the_beginnings_of_the_next_stage() {
 
 #[test]
 fn probabilities_of_all_designs_of_a_cell_add_up_to_one() {
-    let controller = Controller::new(&[2, 3], 7, &mut contract::random::stream(&["sum"]));
+    let mut controller = Controller::new(&[2, 3], 7, 0.01, &mut contract::random::stream(&["sum"]));
     let mut sum = 0.0;
     for first in 0..2 {
         for second in 0..3 {
-            let (log_probability, entropy) = controller.judged(&[vec![1, 2], vec![first, second]]);
-            sum += values(log_probability)[0].exp();
-            let entropy = values(entropy)[0];
-            assert!(entropy > 0.0 && entropy < 2f32.ln() + 3f32.ln() + 1e-5);
+            let (log_probability, entropy) = controller.judge(&[vec![1, 2], vec![first, second]]);
+            sum += log_probability.exp();
+            assert!(entropy > 0.0 && entropy < 2f64.ln() + 3f64.ln() + 1e-5);
         }
     }
     assert!((sum - 1.0).abs() < 1e-5, "{sum}");
@@ -76,7 +75,7 @@ fn probabilities_of_all_designs_of_a_cell_add_up_to_one() {
 
 #[test]
 fn draws_have_the_judged_probabilities() {
-    let controller = Controller::new(&[2, 3], 5, &mut contract::random::stream(&["drawn"]));
+    let mut controller = Controller::new(&[2, 3], 5, 0.01, &mut contract::random::stream(&["drawn"]));
     let mut rng = contract::random::stream(&["draws"]);
     let before = vec![vec![0, 1]];
     let mut count = 0.0;
@@ -84,32 +83,61 @@ fn draws_have_the_judged_probabilities() {
         let taken = controller.decide(&before, &mut |probabilities| drawn(probabilities, rng.random()));
         count += f64::from(u8::from(taken == [1, 0])) / 3000.0;
     }
-    let (log_probability, _) = controller.judged(&[before[0].clone(), vec![1, 0]]);
-    let expected = f64::from(values(log_probability)[0].exp());
+    let (log_probability, _) = controller.judge(&[before[0].clone(), vec![1, 0]]);
+    let expected = log_probability.exp();
     assert!((count - expected).abs() < 0.025, "{count} {expected}");
 }
 
 #[test]
 fn gradients_agree_with_finite_differences() {
-    let controller = Controller::new(&[2, 3], 3, &mut contract::random::stream(&["gradients"]));
+    let controller = Controller::new(&[2, 3], 3, 0.01, &mut contract::random::stream(&["gradients"]));
     let design = [vec![1, 0], vec![0, 2]];
-    let of = |controller: &Controller| f64::from(values(controller.judged(&design).0)[0]);
-    let mut loss = controller.judged(&design).0.backward();
-    let found = numerics::optimizer::gradients(&controller, &mut loss);
-    let all = parameters(&controller);
-    for (at, parameter) in all.iter().enumerate() {
-        let entry = parameter.values.len() / 2;
-        let moved = |by: f32| {
-            let mut changed = all.clone();
-            changed[at].values[entry] += by;
-            of(&with_parameters(controller.clone(), &changed).unwrap())
-        };
-        let expected = (moved(1e-2) - moved(-1e-2)) / 2e-2;
-        let gradient = found[at].get(entry).copied().unwrap_or_default();
-        assert!(
-            (f64::from(gradient) - expected).abs() < 2e-4,
-            "{at}: {gradient} {expected}"
-        );
+    let (layers, state) = controller.parts();
+    let equations = Equations::new();
+    let (before, taken) = layers.design(&equations, 2);
+    equations.routine("judge");
+    let (log_probability, entropy) = layers.judged(before, taken);
+    equations.output("loss", log_probability + entropy * 0.3);
+    let names: Vec<&str> = state.tensors().map(|(name, ..)| name).collect();
+    assert_eq!(names.len(), 1 + 4 + 4);
+    let wide = |entries: Vec<f32>| entries.into_iter().map(f64::from).collect::<Vec<f64>>();
+    let (before, taken) = layers.inputs(&design);
+    let inputs = [("before", wide(before)), ("taken", wide(taken))];
+    let graph = equations.into_graph();
+    let error = largest_error(graph, ["judge", "loss"], &names, &state.widened(), &inputs, 0);
+    assert!(error < 1e-6, "{error:e}");
+}
+
+/// A design of a single choice begins with no option, so that the embedding is not moved.
+#[test]
+fn a_step_raises_the_probability_of_what_was_worth_more() {
+    for design in [vec![vec![1]], vec![vec![0], vec![1]]] {
+        let mut controller = Controller::new(&[2], 4, 0.01, &mut contract::random::stream(&["step"]));
+        let embedding = controller.parts().1.entries("embedding").to_vec();
+        let before = controller.judge(&design).0;
+        controller.descend(&design, -2.0);
+        assert!(controller.judge(&design).0 > before);
+        let is_moved = controller.parts().1.entries("embedding") != embedding;
+        assert_eq!(is_moved, design.len() > 1);
+    }
+}
+
+/// The state of the LSTM goes from choice to choice as in the judgement of a whole design.
+#[test]
+fn decisions_follow_the_judgement() {
+    let mut controller = Controller::new(&[2, 3], 5, 0.01, &mut contract::random::stream(&["follow"]));
+    let before = vec![vec![1, 2]];
+    for taken in [[0, 1], [1, 2]] {
+        let mut picked = Vec::new();
+        let mut options = taken.iter();
+        controller.decide(&before, &mut |probabilities| {
+            let option = *options.next().unwrap();
+            picked.push(f64::from(probabilities[option]));
+            option
+        });
+        let (log_probability, _) = controller.judge(&[before[0].clone(), taken.to_vec()]);
+        let product: f64 = picked.iter().product();
+        assert!((product - log_probability.exp()).abs() < 1e-6, "{picked:?}");
     }
 }
 

@@ -14,14 +14,14 @@
 //! | policy | `head(h_i, h)` | `[batch, assets]` |
 //! | critic | `head(h)`, where x_i also holds the share of asset i | `[batch, 1]` |
 
-use crate::shared::{batch::BatchRows, checkpoint, seat};
+use crate::shared::{batch::Batch, checkpoint, seat};
 use contract::{Channel, Error};
 use numerics::{
+    activation::Activation,
     equations::{
         network::Network,
         state_file::{restore_network, store_network},
     },
-    network::Activation,
     policy_file::{FILE_NAME, Head, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
@@ -75,7 +75,7 @@ impl AssetChannels {
 
     /// Permutes the assets of transitions: each has its own order, drawn uniformly, which applies to the
     /// observations before and after the step and to the shares.
-    pub fn permute(&self, batch: &mut BatchRows, rng: &mut impl RngCore) {
+    pub fn permute(&self, batch: &mut Batch, rng: &mut impl RngCore) {
         let orders: Vec<Vec<usize>> = (0..batch.n_rows)
             .map(|_| {
                 let mut order: Vec<usize> = (0..self.n_assets).collect();
@@ -423,7 +423,7 @@ mod tests {
             [&block(0)[..], &block(1)[..], &[7.0]].concat()
         };
         let copies = 200;
-        let mut batch = BatchRows {
+        let mut batch = Batch {
             n_rows: copies,
             observations: row([1, 2, 3], 0.0).repeat(copies),
             actions: [1.0, 2.0, 3.0].repeat(copies),

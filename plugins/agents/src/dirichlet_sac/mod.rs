@@ -40,7 +40,7 @@ pub use config::{ActionScaling, Config, EvaluationAction, NetworkKind, TargetEnt
 
 use crate::shared::{
     allocation,
-    batch::{BatchInputs, BatchRows},
+    batch::{Batch, BatchInputs},
     bellman::{Weight, bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     replay::Replay,
@@ -202,7 +202,7 @@ impl DirichletSac {
         Ok(())
     }
 
-    fn improve(&mut self, batch: &BatchRows, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+    fn improve(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
         let plan = self.learning.of_rows(batch.n_rows, |equations| {
             let batch = BatchInputs::new(equations, batch.n_rows, widths);
@@ -418,7 +418,7 @@ impl Agent for DirichletSac {
         Ok(())
     }
 
-    checkpoint::keeps_state!(NAME);
+    checkpoint::keeps!(NAME);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let policy = &self.learner.policy;

@@ -15,8 +15,8 @@ use super::{
 use crate::shared::checkpoint;
 use contract::{Channel, Error};
 use numerics::{
+    activation::Activation,
     equations::{network::Network, state_file},
-    network::Activation,
     policy_file::{self, Head, Policy, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
@@ -138,7 +138,7 @@ impl PolicyNetwork {
         dir: &Path,
     ) -> Result<(), TensorFileError> {
         match self {
-            PolicyNetwork::Dense(network) => Policy::of_state(network, state, ports, head).write(dir),
+            PolicyNetwork::Dense(network) => Policy::new(network, state, ports, head).write(dir),
             PolicyNetwork::Assets(network) => network.write(state, &ports, head, dir),
         }
     }

@@ -14,7 +14,7 @@
 use crate::shared::policy_forms::{error, header, misfit, portable as policy_of, tensors};
 use contract::{Error, policy_form::PortablePolicy};
 use numerics::{
-    network::Activation,
+    activation::Activation,
     onnx::{Dense, Graph, Setting, Value, dense_layers},
     policy_file::Head,
     tensor_file::TensorFile,

@@ -201,7 +201,7 @@ fn the_policy_gradient_agrees_with_finite_differences_through_the_sample() {
             .all(|(a, b)| (a - b).abs() < 1e-9 * largest),
         "{fixed:?} {drawn:?}"
     );
-    let batch = BatchRows {
+    let batch = Batch {
         n_rows: 1,
         observations: vec![0.0],
         actions: vec![0.0; 3],
@@ -228,7 +228,7 @@ fn the_critics_gradient_agrees_with_finite_differences() {
             ..tiny()
         };
         let agent = DirichletSac::new(config, &interface, &mut stream(&["critics"])).unwrap();
-        let batch = BatchRows {
+        let batch = Batch {
             n_rows: 2,
             observations: vec![0.1, -0.2, 0.4, 1.0, 0.5, 0.7, -0.3, 0.2],
             actions: vec![0.2, 0.3, 0.5, 0.6, 0.3, 0.1],

@@ -6,7 +6,7 @@ use crate::shared::{
     soft_learner::Settings,
 };
 use contract::{Error, Preset};
-use numerics::network::Activation;
+use numerics::activation::Activation;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;

@@ -253,12 +253,12 @@ impl Agent for IndependentSac {
         Ok(())
     }
 
-    checkpoint::keeps_state!(NAME);
+    checkpoint::keeps!(NAME);
 
     /// Writes one file per seat, in a folder with the seat's name.
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         for (seat, learner) in self.seats.learners.iter().enumerate() {
-            let policy = Policy::of_state(&learner.policy, &self.state, self.seats.ports(seat), Head::Tanh);
+            let policy = Policy::new(&learner.policy, &self.state, self.seats.ports(seat), Head::Tanh);
             policy
                 .write(&self.seats.layout.folder(dir, seat)?)
                 .map_err(checkpoint::error_of(NAME))?;
@@ -270,7 +270,7 @@ impl Agent for IndependentSac {
         for (seat, learner) in self.seats.learners.iter().enumerate() {
             let (ports, folder) = (self.seats.ports(seat), self.seats.layout.place(dir, seat));
             let state = &mut self.state;
-            checkpoint::import_network(NAME, &learner.policy, state, &folder, &ports, Head::Tanh)?;
+            checkpoint::import_policy(NAME, &learner.policy, state, &folder, &ports, Head::Tanh)?;
         }
         Ok(true)
     }

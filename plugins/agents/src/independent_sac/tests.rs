@@ -2,15 +2,15 @@
 
 use super::*;
 use crate::shared::{
-    batch::BatchRows,
+    batch::Batch,
     coordination as game,
     gradient_checks::{assert_gradient, outputs},
     soft_learner::joined,
 };
 use contract::random::stream;
 use numerics::{
+    activation::Activation,
     equations::network::{Network, lower},
-    network::Activation,
 };
 use plan::Processor;
 
@@ -32,7 +32,7 @@ fn agent(config: Config) -> IndependentSac {
 }
 
 /// An agent after some updates, and a batch of its transitions.
-fn trained(config: Config) -> (IndependentSac, BatchRows) {
+fn trained(config: Config) -> (IndependentSac, Batch) {
     let mut agent = agent(config);
     game::train(&mut agent, 6, &mut stream(&["some"]));
     let batch = agent.replay.draw_distinct(8, &mut stream(&["batch"]));

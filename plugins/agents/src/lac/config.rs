@@ -2,7 +2,7 @@
 
 use crate::shared::{scaling::ObservationScaling, seat_network::check_batch};
 use contract::{Error, Preset};
-use numerics::network::Activation;
+use numerics::activation::Activation;
 use plan::Expression;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};

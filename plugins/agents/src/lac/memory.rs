@@ -5,7 +5,7 @@
 //! them together. The first transition of an episode has none and is not stored then.
 
 use crate::shared::{
-    batch::{BatchInputs, BatchRows, BatchWidths},
+    batch::{Batch, BatchInputs, BatchWidths},
     replay::Replay,
     scaling::Scaling,
 };
@@ -107,7 +107,7 @@ impl Memory {
 
     /// Draws at most `n` different transitions uniformly; an action is followed by the observation before it where
     /// that is stored.
-    pub fn sample(&self, n: usize, rng: &mut Rng) -> BatchRows {
+    pub fn sample(&self, n: usize, rng: &mut Rng) -> Batch {
         self.replay.draw_distinct(n.min(self.replay.len()), rng)
     }
 

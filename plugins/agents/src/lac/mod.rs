@@ -331,14 +331,14 @@ impl Agent for LyapunovActorCritic {
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let (policy, ports) = (&self.learner.policy, self.seat.ports());
-        let policy = Policy::of_state(policy, &self.state, ports, Head::Tanh);
+        let policy = Policy::new(policy, &self.state, ports, Head::Tanh);
         policy.write(dir).map_err(checkpoint::error_of(self.name))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
         let (policy, ports) = (&self.learner.policy, self.seat.ports());
-        checkpoint::import_network(self.name, policy, &mut self.state, dir, &ports, Head::Tanh)?;
+        checkpoint::import_policy(self.name, policy, &mut self.state, dir, &ports, Head::Tanh)?;
         Ok(true)
     }
 }

@@ -4,15 +4,15 @@ use super::memory::MemoryInputs;
 use super::networks::value;
 use super::*;
 use crate::shared::{
-    batch::BatchRows,
+    batch::Batch,
     coordination,
     gradient_checks::{assert_gradient, outputs},
     regulator::{self, Plants},
 };
 use contract::random::stream;
 use numerics::{
+    activation::Activation,
     equations::{network::Network, squashed::mean_action},
-    network::Activation,
 };
 use plan::{Equations, Processor};
 
@@ -48,7 +48,7 @@ fn agent(config: Config) -> LyapunovActorCritic {
 }
 
 /// An agent after some updates, and a batch of its transitions.
-fn trained(config: Config) -> (LyapunovActorCritic, BatchRows) {
+fn trained(config: Config) -> (LyapunovActorCritic, Batch) {
     let (mut agent, mut rng) = (agent(config), stream(&["some"]));
     let mut plants = Plants::new(&mut rng);
     regulator::train(&mut agent, &mut plants, 8, &mut rng);
@@ -58,7 +58,7 @@ fn trained(config: Config) -> (LyapunovActorCritic, BatchRows) {
 
 /// An agent as in [`trained`], with smooth networks, and observations before so far away that no difference
 /// changes its sign.
-fn small(config: Config) -> (LyapunovActorCritic, BatchRows) {
+fn small(config: Config) -> (LyapunovActorCritic, Batch) {
     let (agent, mut batch) = trained(Config {
         width: 5,
         activation: Activation::Tanh,

@@ -7,7 +7,7 @@ use crate::shared::{
     seat_network::{HiddenLayers, check_batch},
 };
 use contract::{Error, Preset};
-use numerics::network::Activation;
+use numerics::activation::Activation;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;

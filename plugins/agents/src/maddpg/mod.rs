@@ -44,56 +44,59 @@ pub use exploration::Noise;
 use exploration::Exploration;
 
 use crate::shared::{
+    batch::{Batch, BatchInputs},
+    bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
-    joint::{JointLayout, columns},
-    replay::{Batch, Replay},
+    joint::JointLayout,
+    replay::Replay,
     schedule::UpdateSchedule,
-    targets::{bootstrapped, half_squared_error},
 };
-use burn::{module::Module, tensor::Tensor};
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use numerics::{
-    network::{Mlp, values},
-    optimizer::{Adam, TrainedNetwork},
-    parameters::{restore, soft_update, store},
+    equations::network::Network,
     policy_file::{Head, Policy, Ports},
-    tensor_file::TensorFile,
 };
-use serde::{Deserialize, Serialize};
-use std::path::Path;
+use plan::{Descent, Equations, Expression, Plans, State};
+use std::{ops::Range, path::Path};
 
 const NAME: &str = "maddpg";
 /// Gain of the policies' last layer: first actions are close to zero, where tanh is not flat.
 const POLICY_OUTPUT_GAIN: f64 = 0.1;
+/// Metrics of the update of a seat.
+const LOSSES: [&str; 2] = ["critic_loss", "policy_loss"];
 
 /// Multi-agent deep deterministic policy gradient for all seats.
 #[derive(Debug, Clone)]
 pub struct Maddpg {
     config: Config,
-    layout: JointLayout,
-    learners: Vec<Learner>,
+    learner: Learner,
+    state: State<f32>,
+    acting: Plans,
+    learning: Plans,
     replay: Replay,
     exploration: Exploration,
     schedule: UpdateSchedule,
 }
 
-/// Networks of one seat.
+/// Networks of all seats, and the equations by which they act and learn.
 #[derive(Debug, Clone)]
 struct Learner {
-    policy: TrainedNetwork<Mlp>,
-    critic: TrainedNetwork<Mlp>,
-    target_policy: Mlp,
-    target_critic: Mlp,
+    layout: JointLayout,
+    seats: Vec<Seat>,
 }
 
-/// State of a checkpoint besides its tensors.
-#[derive(Serialize, Deserialize)]
-struct Counters {
-    exploration: Exploration,
-    schedule: UpdateSchedule,
+/// Networks of one seat.
+#[derive(Debug, Clone)]
+struct Seat {
+    /// Columns of the joint observation that the policy sees.
+    seen: Range<usize>,
+    policy: Network,
+    critic: Network,
+    target_policy: Network,
+    target_critic: Network,
 }
 
 /// Registers the agent.
@@ -139,162 +142,207 @@ impl Maddpg {
     fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
         config.check()?;
         let layout = JointLayout::new(NAME, interface)?;
-        let learners = (0..layout.n_seats())
-            .map(|seat| Learner::new(&config, &layout, seat, rng))
-            .collect();
+        let mut state = State::default();
+        let seats = (0..layout.n_seats()).map(|seat| Seat::new(&config, &layout, seat, &mut state, rng));
         Ok(Self {
-            learners,
             replay: Replay::of_seats(config.replay_capacity, &layout),
             exploration: Exploration::new(config.exploration_noise, layout.n_acted()),
+            learner: Learner {
+                seats: seats.collect(),
+                layout,
+            },
+            state,
+            acting: Plans::default(),
+            learning: Plans::default(),
             schedule: UpdateSchedule::new(),
             config,
-            layout,
         })
     }
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        for seat in 0..self.layout.n_seats() {
-            let batch = self
-                .replay
-                .sample_distinct(self.config.batch_size.min(self.replay.len()), rng);
-            self.update_critic(seat, &batch, record)?;
-            self.update_policy(seat, &batch, record)?;
+        let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
+        let n_rows = config.batch_size.min(self.replay.len());
+        let plan = self.learning.of_rows(n_rows, |equations| {
+            learner.update(BatchInputs::new(equations, n_rows, widths), config);
+        });
+        for seat in 0..widths.seats {
+            drawn(&self.replay, n_rows, config, rng).write(plan);
+            plan.run(&of_seat(seat, "update"), &mut self.state);
+            for metric in LOSSES {
+                let loss = plan.number(&of_seat(seat, metric));
+                record.mean(metric, finite(metric, self.schedule.n_steps(), loss)?);
+            }
         }
-        let tau = self.config.target_smoothing;
-        self.learners.iter_mut().for_each(|learner| learner.follow(tau));
+        plan.run("follow", &mut self.state);
         record.mean(
             "exploration_sd",
-            self.config.exploration_sd_at(self.schedule.n_steps()),
+            config.exploration_sd_at(self.schedule.n_steps()),
         );
         self.schedule.count_update();
         Ok(())
     }
 
-    /// Eq. 6: the critic descends the squared error to its target.
-    fn update_critic(&mut self, seat: usize, batch: &Batch, record: &mut Recorder) -> Result<(), Error> {
-        let target = self.target(seat, batch);
-        let critic = &mut self.learners[seat].critic;
-        let loss = half_squared_error(
-            value(critic.network(), &batch.observations, batch.actions.clone()),
-            target,
-        );
-        record.mean(
-            "critic_loss",
-            finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
-        );
-        critic.descend(&loss);
-        Ok(())
+    /// Inputs and outputs of a seat's policy as its file describes them.
+    fn ports(&self, seat: usize) -> Ports {
+        let layout = &self.learner.layout;
+        layout.ports(self.learner.seats[seat].seen.clone(), layout.acted(seat))
+    }
+}
+
+/// A batch for one seat, with the rewards that its config asks for.
+fn drawn(replay: &Replay, n_rows: usize, config: &Config, rng: &mut Rng) -> Batch {
+    let mut batch = replay.draw_distinct(n_rows, rng);
+    if config.reward_normalisation {
+        replay.standardise_rewards(&mut batch);
+    }
+    batch
+}
+
+/// Name of what belongs to a seat.
+fn of_seat(seat: usize, what: &str) -> String {
+    format!("seat_{seat}.{what}")
+}
+
+impl Seat {
+    fn new(
+        config: &Config,
+        layout: &JointLayout,
+        seat: usize,
+        state: &mut State<f32>,
+        rng: &mut Rng,
+    ) -> Self {
+        let seen = config.policy_sight.columns(layout, seat);
+        let mut network = |what: &str, inputs, outputs, gain| {
+            let network = config.hidden().network(of_seat(seat, what), inputs, outputs);
+            network.initialise(gain, state, rng);
+            network
+        };
+        let policy = network("policy", seen.len(), layout.acted(seat).len(), POLICY_OUTPUT_GAIN);
+        let critic = network("critic", layout.n_observed() + layout.n_acted(), 1, 1.0);
+        Self {
+            seen,
+            target_policy: policy.copied(of_seat(seat, "target_policy"), state),
+            target_critic: critic.copied(of_seat(seat, "target_critic"), state),
+            policy,
+            critic,
+        }
     }
 
-    /// Eq. 6: `y = r_i + gamma Q_i'(x', mu_1'(o_1'), ..., mu_N'(o_N'))`.
-    fn target(&self, seat: usize, batch: &Batch) -> Tensor<2> {
-        let next = self.joint_action(&batch.next_observations, |learner| learner.target_policy.clone());
-        let next_value = value(&self.learners[seat].target_critic, &batch.next_observations, next);
-        let rewards = self
-            .replay
-            .rewards_of(batch, seat, self.config.reward_normalisation);
-        bootstrapped(rewards, batch.continues.clone(), next_value, self.config.discount)
+    /// Inputs of tanh `[batch, n_i]` by the seat's policy or its target.
+    fn logits<'e>(&self, policy: &Network, observations: Expression<'e>) -> Expression<'e> {
+        policy.apply(observations.columns(self.seen.clone()))
     }
 
-    /// Eq. 5: the policy ascends its critic through its own action; the actions of the others are those of
-    /// the batch.
-    fn update_policy(&mut self, seat: usize, batch: &Batch, record: &mut Recorder) -> Result<(), Error> {
-        let (loss, penalty) = self.policy_loss(seat, self.learners[seat].policy.network(), batch);
-        record.mean(
-            "policy_loss",
-            finite("policy_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
-        );
-        self.learners[seat].policy.descend(&(loss + penalty));
-        Ok(())
-    }
-
-    /// Minus the critic's mean value, and the penalty on the inputs of tanh.
-    fn policy_loss(&self, seat: usize, policy: &Mlp, batch: &Batch) -> (Tensor<1>, Tensor<1>) {
-        let logits = policy.forward(self.seen(seat, &batch.observations));
-        let actions = self
-            .layout
-            .with_action(&batch.actions, seat, logits.clone().tanh());
-        // An untracked critic: the gradient passes through it to the action alone.
-        let critic = self.learners[seat].critic.network().valid();
-        let loss = value(&critic, &batch.observations, actions).mean().neg();
-        (loss, logits.square().mean() * self.config.logit_penalty)
-    }
-
-    fn seen(&self, seat: usize, observations: &Tensor<2>) -> Tensor<2> {
-        columns(observations, self.config.policy_sight.columns(&self.layout, seat))
-    }
-
-    fn joint_action(&self, observations: &Tensor<2>, policy: impl Fn(&Learner) -> Mlp) -> Tensor<2> {
-        let act = |(seat, learner)| policy(learner).forward(self.seen(seat, observations)).tanh();
-        Tensor::cat(self.learners.iter().enumerate().map(act).collect(), 1)
+    /// Moves the targets towards their networks.
+    fn follow(&self, equations: &Equations, tau: f64) {
+        for (target, source) in [
+            (&self.target_critic, &self.critic),
+            (&self.target_policy, &self.policy),
+        ] {
+            equations.follow(&target.parameters(equations), &source.parameters(equations), tau);
+        }
     }
 }
 
 impl Learner {
-    fn new(config: &Config, layout: &JointLayout, seat: usize, rng: &mut Rng) -> Self {
-        let hidden = config.hidden();
-        let (n_seen, n_done) = (
-            config.policy_sight.columns(layout, seat).len(),
-            layout.acted(seat).len(),
-        );
-        let policy = hidden.network(n_seen, n_done, POLICY_OUTPUT_GAIN, rng);
-        let critic = hidden.network(layout.n_observed() + layout.n_acted(), 1, 1.0, rng);
-        Self {
-            target_policy: policy.valid(),
-            target_critic: critic.valid(),
-            policy: TrainedNetwork::new(
-                policy,
-                Adam::new(config.actor_learning_rate, config.gradient_clip),
-            ),
-            critic: TrainedNetwork::new(
-                critic,
-                Adam::new(config.critic_learning_rate, config.gradient_clip),
-            ),
+    /// Joint actions of the policies.
+    fn act(&self, observations: Expression<'_>) {
+        let equations = observations.equations();
+        equations.routine("act");
+        equations.output("actions", self.joint_action(observations, |seat| &seat.policy));
+    }
+
+    /// One update of each seat's critic and policy, and one move of all targets.
+    fn update(&self, batch: BatchInputs<'_>, config: &Config) {
+        let equations = batch.observations.equations();
+        let descend = |loss, network: &Network, rate, first_rate| {
+            let descent = Descent::adam(rate, first_rate, config.gradient_clip);
+            equations.descend(loss, &network.parameters(equations), &descent);
+        };
+        for (at, seat) in self.seats.iter().enumerate() {
+            equations.routine(&of_seat(at, "update"));
+            let loss = self.critic_loss(at, batch, config.discount);
+            equations.output(&of_seat(at, "critic_loss"), loss);
+            descend(
+                loss,
+                &seat.critic,
+                "critic_learning_rate",
+                config.critic_learning_rate,
+            );
+            let (loss, penalty) = self.policy_loss(at, batch);
+            equations.output(&of_seat(at, "policy_loss"), loss);
+            let loss = loss + penalty * config.logit_penalty;
+            descend(
+                loss,
+                &seat.policy,
+                "actor_learning_rate",
+                config.actor_learning_rate,
+            );
+        }
+        equations.routine("follow");
+        for seat in &self.seats {
+            seat.follow(equations, config.target_smoothing);
         }
     }
 
-    fn follow(&mut self, tau: f64) {
-        self.target_critic = soft_update(
-            std::mem::take(&mut self.target_critic),
-            self.critic.network(),
-            tau,
-        );
-        self.target_policy = soft_update(
-            std::mem::take(&mut self.target_policy),
-            self.policy.network(),
-            tau,
-        );
+    /// Eq. 6: half the squared error of a seat's critic.
+    fn critic_loss<'e>(&self, seat: usize, batch: BatchInputs<'e>, discount: f64) -> Expression<'e> {
+        let value = value(&self.seats[seat].critic, batch.observations, batch.actions);
+        half_squared_error(value, self.target(seat, batch, discount))
+    }
+
+    /// Eq. 6: `y = r_i + gamma Q_i'(x', mu_1'(o_1'), ..., mu_N'(o_N'))`.
+    fn target<'e>(&self, seat: usize, batch: BatchInputs<'e>, discount: f64) -> Expression<'e> {
+        let next = self.joint_action(batch.next_observations, |seat| &seat.target_policy);
+        let next_value = value(&self.seats[seat].target_critic, batch.next_observations, next);
+        let rewards = batch.rewards.columns(seat..seat + 1);
+        bootstrapped(rewards, batch.continues, next_value, discount)
+    }
+
+    /// Eq. 5: minus the critic's mean value, where the actions of the others are those of the batch, and the mean
+    /// square of the inputs of tanh.
+    fn policy_loss<'e>(&self, at: usize, batch: BatchInputs<'e>) -> (Expression<'e>, Expression<'e>) {
+        let seat = &self.seats[at];
+        let logits = seat.logits(&seat.policy, batch.observations);
+        let actions = self.layout.exchanged(batch.actions, at, logits.tanh());
+        let value = value(&seat.critic, batch.observations, actions);
+        (-value.mean(), logits.square().mean())
+    }
+
+    fn joint_action<'e>(
+        &self,
+        observations: Expression<'e>,
+        policy: impl Fn(&Seat) -> &Network,
+    ) -> Expression<'e> {
+        let act = |seat: &Seat| seat.logits(policy(seat), observations).tanh();
+        let actions: Vec<_> = self.seats.iter().map(act).collect();
+        observations.equations().join(&actions)
     }
 }
 
-fn value(critic: &Mlp, observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
-    critic.forward(Tensor::cat(vec![observations.clone(), actions], 1))
-}
-
-impl Maddpg {
-    /// Inputs and outputs of a seat's policy as its file describes them.
-    fn ports(&self, seat: usize) -> Ports {
-        self.layout.ports(
-            self.config.policy_sight.columns(&self.layout, seat),
-            self.layout.acted(seat),
-        )
-    }
+fn value<'e>(critic: &Network, observations: Expression<'e>, actions: Expression<'e>) -> Expression<'e> {
+    critic.apply(observations.equations().join(&[observations, actions]))
 }
 
 impl Agent for Maddpg {
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let joint = self.layout.observations(observations);
-        let mut actions = values(self.joint_action(&joint, |learner| learner.policy.network().valid()));
+        let (learner, layout, n_rows) = (&self.learner, &self.learner.layout, observations.len());
+        let plan = self.acting.of_rows(n_rows, |equations| {
+            learner.act(equations.input("observations", [n_rows, layout.n_observed()]));
+        });
+        plan.write("observations", &layout.observation_rows(observations));
+        plan.run("act", &mut self.state);
+        let mut actions = plan.entries("actions").to_vec();
         if mode == Mode::Train {
             let sd = self.config.exploration_sd_at(self.schedule.n_steps()) as f32;
-            let noise = self.exploration.draw(observations.len(), rng);
+            let noise = self.exploration.draw(n_rows, rng);
             actions
                 .iter_mut()
                 .zip(noise)
                 .for_each(|(action, noise)| *action += sd * noise);
         }
-        self.layout.actions(&actions, self.schedule.n_steps())
+        layout.actions(&actions, self.schedule.n_steps())
     }
 
     fn learn(
@@ -323,74 +371,23 @@ impl Agent for Maddpg {
         Ok(())
     }
 
-    fn updates(&self) -> Option<Updates> {
-        Some(
-            self.schedule
-                .updates(self.config.learning_starts, self.config.updates_per_step),
-        )
-    }
-
-    fn save(&self, dir: &Path) -> Result<(), Error> {
-        let mut file = TensorFile::default();
-        for (seat, learner) in self.learners.iter().enumerate() {
-            learner.policy.store(&format!("policy_{seat}"), &mut file);
-            learner.critic.store(&format!("critic_{seat}"), &mut file);
-            store(
-                &learner.target_policy,
-                &format!("target_policy_{seat}"),
-                &mut file,
-            );
-            store(
-                &learner.target_critic,
-                &format!("target_critic_{seat}"),
-                &mut file,
-            );
-        }
-        self.replay.store(&mut file);
-        let counters = Counters {
-            exploration: self.exploration.clone(),
-            schedule: self.schedule,
-        };
-        checkpoint::write(NAME, dir, file, &counters)
-    }
-
-    fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, counters): (_, Counters) = checkpoint::read(NAME, dir)?;
-        let misfit = checkpoint::error_of(NAME);
-        for (seat, learner) in self.learners.iter_mut().enumerate() {
-            learner
-                .policy
-                .restore(&format!("policy_{seat}"), &file)
-                .map_err(&misfit)?;
-            learner
-                .critic
-                .restore(&format!("critic_{seat}"), &file)
-                .map_err(&misfit)?;
-            let target =
-                |network: &Mlp, name| restore(network.clone(), &format!("target_{name}_{seat}"), &file);
-            learner.target_policy = target(&learner.target_policy, "policy").map_err(&misfit)?;
-            learner.target_critic = target(&learner.target_critic, "critic").map_err(&misfit)?;
-        }
-        self.replay.restore(&file).map_err(&misfit)?;
-        (self.exploration, self.schedule) = (counters.exploration, counters.schedule);
-        Ok(())
-    }
+    checkpoint::keeps!(NAME; counters: exploration);
 
     /// Writes one file per seat, in a folder with the seat's name.
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        for (seat, learner) in self.learners.iter().enumerate() {
-            let policy = Policy::new(learner.policy.network(), self.ports(seat), Head::Tanh);
+        for (at, seat) in self.learner.seats.iter().enumerate() {
+            let policy = Policy::new(&seat.policy, &self.state, self.ports(at), Head::Tanh);
             policy
-                .write(&self.layout.folder(dir, seat)?)
+                .write(&self.learner.layout.folder(dir, at)?)
                 .map_err(checkpoint::error_of(NAME))?;
         }
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        for seat in 0..self.learners.len() {
-            let (ports, folder) = (self.ports(seat), self.layout.place(dir, seat));
-            checkpoint::import_policy(NAME, &mut self.learners[seat].policy, &folder, &ports, Head::Tanh)?;
+        for (at, seat) in self.learner.seats.iter().enumerate() {
+            let (ports, folder) = (self.ports(at), self.learner.layout.place(dir, at));
+            checkpoint::import_policy(NAME, &seat.policy, &mut self.state, &folder, &ports, Head::Tanh)?;
         }
         Ok(true)
     }

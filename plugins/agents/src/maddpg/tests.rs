@@ -2,9 +2,13 @@
 
 use super::exploration::Noise;
 use super::*;
-use crate::shared::{coordination as game, joint::ObservationScope};
+use crate::shared::{
+    coordination as game,
+    gradient_checks::{assert_gradient, outputs},
+    joint::ObservationScope,
+};
 use contract::random::stream;
-use numerics::{network::Activation, optimizer::gradients};
+use numerics::activation::Activation;
 
 fn tiny() -> Config {
     Config {
@@ -24,62 +28,105 @@ fn agent(config: Config) -> Maddpg {
 fn trained(config: Config) -> (Maddpg, Batch) {
     let mut agent = agent(config);
     game::train(&mut agent, 6, &mut stream(&["some"]));
-    let batch = agent.replay.sample_distinct(8, &mut stream(&["batch"]));
+    let batch = agent.replay.draw_distinct(8, &mut stream(&["batch"]));
     (agent, batch)
+}
+
+/// Writes a routine `loss` for a batch of 8.
+fn write<'e>(agent: &Maddpg, equations: &'e Equations) -> BatchInputs<'e> {
+    let batch = BatchInputs::new(equations, 8, agent.replay.widths());
+    equations.routine("loss");
+    batch
 }
 
 #[test]
 fn the_target_uses_all_target_networks() {
     let (agent, mut batch) = trained(tiny());
-    batch.continues = batch.continues.ones_like();
-    let act = |seat: usize| {
-        let seen = columns(&batch.next_observations, seat..seat + 1);
-        agent.learners[seat].target_policy.forward(seen).tanh()
-    };
-    let next = vec![batch.next_observations.clone(), act(0), act(1)];
-    let q = values(agent.learners[1].target_critic.forward(Tensor::cat(next, 1)));
-    let (y, r) = (values(agent.target(1, &batch)), values(batch.rewards));
+    batch.continues.fill(1.0);
+    let learner = &agent.learner;
+    let [y, q] = outputs(["target", "next_value"], &agent.state, &batch, |equations| {
+        let inputs = write(&agent, equations);
+        equations.output("target", learner.target(1, inputs, 0.95));
+        let next = inputs.next_observations;
+        let act = |seat: usize| {
+            let seen = next.columns(seat..seat + 1);
+            learner.seats[seat].target_policy.apply(seen).tanh()
+        };
+        let next = equations.join(&[next, act(0), act(1)]);
+        equations.output("next_value", learner.seats[1].target_critic.apply(next));
+    });
+    let r = &batch.rewards;
     assert!((0..8).all(|i| (y[i] - (r[2 * i + 1] + 0.95 * q[i])).abs() < 1e-6));
+    let [last] = outputs(
+        ["target"],
+        &agent.state,
+        &Batch {
+            continues: vec![0.0; 8],
+            ..batch.clone()
+        },
+        |equations| {
+            equations.output("target", learner.target(1, write(&agent, equations), 0.95));
+        },
+    );
+    assert!((0..8).all(|i| last[i] == r[2 * i + 1]), "nothing follows");
+}
+
+fn smooth() -> Config {
+    Config {
+        width: 5,
+        activation: Activation::Tanh,
+        logit_penalty: 0.1,
+        ..tiny()
+    }
 }
 
 #[test]
 fn the_policy_gradient_passes_the_critic_of_the_joint_action() {
     for policy_sight in [ObservationScope::Own, ObservationScope::Joint] {
-        let config = Config {
-            width: 5,
-            activation: Activation::Tanh,
-            logit_penalty: 0.1,
+        let (agent, batch) = trained(Config {
             policy_sight,
-            ..tiny()
-        };
-        let (agent, batch) = trained(config);
-        game::assert_gradient(agent.learners[1].policy.network(), |policy| {
-            let (loss, penalty) = agent.policy_loss(1, policy, &batch);
-            loss + penalty
+            ..smooth()
+        });
+        let learner = &agent.learner;
+        assert_gradient(&[&learner.seats[1].policy], &agent.state, &batch, |equations| {
+            let (loss, penalty) = learner.policy_loss(1, write(&agent, equations));
+            equations.output("loss", loss + penalty * agent.config.logit_penalty);
         });
     }
 }
 
 #[test]
+fn the_critics_gradient_agrees_with_finite_differences() {
+    let (agent, batch) = trained(smooth());
+    assert_gradient(
+        &[&agent.learner.seats[1].critic],
+        &agent.state,
+        &batch,
+        |equations| {
+            let loss = agent.learner.critic_loss(1, write(&agent, equations), 0.95);
+            equations.output("loss", loss);
+        },
+    );
+}
+
+/// A step of the policy alone: the critic's learning rate is 0.
+#[test]
 fn no_gradient_reaches_the_critic_or_the_other_policy() {
-    let (agent, batch) = trained(tiny());
-    let (loss, _) = agent.policy_loss(0, agent.learners[0].policy.network(), &batch);
-    let mut reached = loss.backward();
-    assert!(
-        gradients(agent.learners[0].policy.network(), &mut reached)
-            .iter()
-            .all(|g| !g.is_empty())
-    );
-    assert!(
-        gradients(agent.learners[0].critic.network(), &mut reached)
-            .concat()
-            .is_empty()
-    );
-    assert!(
-        gradients(agent.learners[1].policy.network(), &mut reached)
-            .concat()
-            .is_empty()
-    );
+    let (mut agent, batch) = trained(tiny());
+    agent.state.set_number("critic_learning_rate", 0.0);
+    let before = agent.state.clone();
+    let plan = agent.learning.of_rows(8, |equations| {
+        let inputs = BatchInputs::new(equations, 8, agent.replay.widths());
+        agent.learner.update(inputs, &agent.config);
+    });
+    batch.write(plan);
+    plan.run("seat_0.update", &mut agent.state);
+    let is_moment = |name: &str| name.ends_with(".first") || name.ends_with(".second");
+    let parameters = before.tensors().filter(|(name, ..)| !is_moment(name));
+    for (name, _, entries) in parameters {
+        let has_moved = agent.state.entries(name) != entries;
+        assert_eq!(has_moved, name.starts_with("seat_0.policy."), "{name}");
+    }
 }
 
 #[test]

@@ -15,8 +15,8 @@
 //! | V_soft(s) | `soft_value` | `[batch, 1]` |
 //! | f(xi; s) | `tanh(sampler(s, xi))` | `[batch K, n_acted]` |
 //! | xi | latent noise, standard normal | `[batch K, n_acted]` |
-//! | Delta f | direction of [`numerics::stein`] | `[batch moved, n_acted]` |
-//! | alpha | temperature, a schedule of the step | scalar |
+//! | Delta f | direction of [`numerics::equations::stein`] | `[batch moved, n_acted]` |
+//! | alpha | `temperature`, a schedule of the step | `[1, 1]` |
 //! | gamma, tau | `discount`, `target_smoothing` | scalars |
 //!
 //! Equations
@@ -42,57 +42,62 @@
 //! Q at the held particles, `kernel_bandwidth` mean of h, `temperature` alpha.
 
 mod config;
+mod seat;
 #[cfg(test)]
 mod tests;
 
 pub use config::{Config, EvaluationAction};
 
+use seat::Seat;
+
 use crate::shared::{
+    batch::{Batch, BatchInputs},
+    bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
-    joint::{JointLayout, columns, repeat_rows},
-    replay::{Batch, Replay},
+    joint::JointLayout,
+    replay::Replay,
     schedule::UpdateSchedule,
-    targets::{bootstrapped, half_squared_error, mean},
 };
-use burn::{module::Module, tensor::Tensor};
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use numerics::{
-    gaussian::{standard_normal, standard_uniform},
-    network::{Mlp, matrix, values},
-    optimizer::{Adam, TrainedNetwork},
-    parameters::{restore, soft_update, store},
+    equations::{
+        network::Network,
+        state_file::{restore_network, store_network},
+    },
     policy_file::{Head, Policy, Ports},
-    stein::{Particles, SteinDirection, stein_direction},
     tensor_file::TensorFile,
 };
+use plan::{Descent, Expression, Plans, State};
+use rand::RngCore;
 use std::path::Path;
 
 const NAME: &str = "masql";
 /// File of a seat's exported critic; the next constant is the prefix of its tensors' names.
 const CRITIC_FILE: &str = "critic.safetensors";
 const CRITIC: &str = "critic";
-/// Keeps the logarithm of the correction for tanh finite on the faces of the cube.
-const FACE: f64 = 1e-6;
+/// Metrics of the update of a seat.
+const MEASURES: [&str; 3] = ["critic_loss", "particle_value", "kernel_bandwidth"];
 
 /// Multi-agent soft Q-learning for all seats.
 #[derive(Debug, Clone)]
 pub struct Masql {
     config: Config,
-    layout: JointLayout,
-    learners: Vec<Learner>,
+    learner: Learner,
+    state: State<f32>,
+    acting: Plans,
+    learning: Plans,
     replay: Replay,
     schedule: UpdateSchedule,
 }
 
-/// Networks of one seat.
+/// Networks of all seats, and the equations by which they act and learn.
 #[derive(Debug, Clone)]
 struct Learner {
-    sampler: TrainedNetwork<Mlp>,
-    critic: TrainedNetwork<Mlp>,
-    target_critic: Mlp,
+    layout: JointLayout,
+    seats: Vec<Seat>,
 }
 
 /// Registers the agent.
@@ -137,270 +142,57 @@ impl Masql {
     fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
         config.check()?;
         let layout = JointLayout::new(NAME, interface)?;
-        let learners = (0..layout.n_seats())
-            .map(|seat| Learner::new(&config, &layout, seat, rng))
-            .collect();
+        let mut state = State::default();
+        let seats = (0..layout.n_seats()).map(|seat| Seat::new(&config, &layout, seat, &mut state, rng));
         Ok(Self {
-            learners,
             replay: Replay::of_seats(config.replay_capacity, &layout),
+            learner: Learner {
+                seats: seats.collect(),
+                layout,
+            },
+            state,
+            acting: Plans::default(),
+            learning: Plans::default(),
             schedule: UpdateSchedule::new(),
             config,
-            layout,
         })
     }
 
+    #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        for seat in 0..self.layout.n_seats() {
-            let batch = self
-                .replay
-                .sample_distinct(self.config.batch_size.min(self.replay.len()), rng);
-            self.update_critic(seat, &batch, rng, record)?;
-            self.update_sampler(seat, &batch, rng, record)?;
+        let temperature = self.temperature();
+        let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
+        let n_rows = config.batch_size.min(self.replay.len());
+        let plan = self.learning.of_rows(n_rows, |equations| {
+            learner.update(BatchInputs::new(equations, n_rows, widths), config);
+        });
+        plan.write("temperature", &[temperature as f32]);
+        for seat in 0..widths.seats {
+            drawn(&self.replay, n_rows, config, rng).write(plan);
+            plan.run_seeded(&of_seat(seat, "update"), &mut self.state, rng.next_u64());
+            for metric in MEASURES {
+                let number = plan.number(&of_seat(seat, metric));
+                record.mean(metric, finite(metric, self.schedule.n_steps(), number)?);
+            }
         }
         self.schedule.count_update();
-        if self
-            .schedule
-            .n_updates()
-            .is_multiple_of(self.config.target_period)
-        {
-            let tau = self.config.target_smoothing;
-            self.learners.iter_mut().for_each(|learner| learner.follow(tau));
+        if self.schedule.n_updates().is_multiple_of(config.target_period) {
+            plan.run("follow", &mut self.state);
         }
-        record.mean("temperature", self.temperature());
+        record.mean("temperature", temperature);
         Ok(())
-    }
-
-    /// Eq. 11: the critic descends the squared error to its target.
-    fn update_critic(
-        &mut self,
-        seat: usize,
-        batch: &Batch,
-        rng: &mut Rng,
-        record: &mut Recorder,
-    ) -> Result<(), Error> {
-        let target = self.soft_target(seat, batch, rng);
-        let seen = self.seen(seat, &batch.observations);
-        let critic = &mut self.learners[seat].critic;
-        let loss = half_squared_error(value(critic.network(), seen, batch.actions.clone()), target);
-        record.mean(
-            "critic_loss",
-            finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
-        );
-        critic.descend(&loss);
-        Ok(())
-    }
-
-    /// Reward plus the discounted soft value of the next observation.
-    fn soft_target(&self, seat: usize, batch: &Batch, rng: &mut Rng) -> Tensor<2> {
-        let next_value = self.soft_value(seat, &batch.next_observations, rng);
-        let rewards = self
-            .replay
-            .rewards_of(batch, seat, self.config.reward_normalisation);
-        bootstrapped(rewards, batch.continues.clone(), next_value, self.config.discount)
-    }
-
-    /// Eq. 10 with uniform particles.
-    #[allow(
-        clippy::cast_precision_loss,
-        reason = "numbers of entries and particles are far below 2^52"
-    )]
-    fn soft_value(&self, seat: usize, observations: &Tensor<2>, rng: &mut Rng) -> Tensor<2> {
-        let (n_particles, n_acted) = (self.config.value_particles, self.layout.n_acted());
-        let seen = repeat_rows(&self.seen(seat, observations), n_particles);
-        let particles = uniform(seen.dims()[0], n_acted, rng);
-        let q = value(&self.learners[seat].target_critic, seen, particles);
-        let scaled = q.reshape([observations.dims()[0], n_particles]) / self.temperature();
-        let log_volume = n_acted as f64 * std::f64::consts::LN_2;
-        (log_mean_exp(scaled) + log_volume) * self.temperature()
-    }
-
-    /// Eq. 14: the sampler's parameters follow its particles in the direction of eq. 13.
-    fn update_sampler(
-        &mut self,
-        seat: usize,
-        batch: &Batch,
-        rng: &mut Rng,
-        record: &mut Recorder,
-    ) -> Result<(), Error> {
-        let seen = self.seen(seat, &batch.observations);
-        let sampler = self.learners[seat].sampler.network();
-        // The untracked network draws the held particles: no gradient reaches them.
-        let held = self.drawn(&sampler.valid(), &seen, self.config.n_held(), rng);
-        let moved = self.drawn(sampler, &seen, self.config.moved_particles, rng);
-        let (direction, value) = self.direction(seat, &seen, &held, &moved);
-        record.mean(
-            "particle_value",
-            finite("particle_value", self.schedule.n_steps(), value)?,
-        );
-        record.mean("kernel_bandwidth", direction.mean_bandwidth);
-        let direction = matrix(direction.direction, self.layout.n_acted());
-        self.learners[seat]
-            .sampler
-            .descend(&(moved * direction).mean().neg());
-        Ok(())
-    }
-
-    /// Direction of eq. 13 for the moved particles, and the mean value at the held ones.
-    fn direction(
-        &self,
-        seat: usize,
-        seen: &Tensor<2>,
-        held: &Tensor<2>,
-        moved: &Tensor<2>,
-    ) -> (SteinDirection, f32) {
-        let (n_held, n_moved, dimension) = (
-            self.config.n_held(),
-            self.config.moved_particles,
-            self.layout.n_acted(),
-        );
-        let (scores, value) = self.scores(seat, repeat_rows(seen, n_held), held);
-        let particles = Particles {
-            n_held,
-            n_moved,
-            dimension,
-        };
-        (
-            stein_direction(
-                &values(held.clone()),
-                &values(scores),
-                &values(moved.clone()),
-                particles,
-            ),
-            value,
-        )
-    }
-
-    /// Gradient of `Q / alpha + sum ln(1 - a^2 + 1e-6)` in the joint actions `a`, and the mean of Q.
-    fn scores(&self, seat: usize, seen: Tensor<2>, actions: &Tensor<2>) -> (Tensor<2>, f32) {
-        let actions = Tensor::<2>::from_inner(actions.clone()).require_grad();
-        let q = value(
-            &self.learners[seat].critic.network().valid(),
-            seen,
-            actions.clone(),
-        );
-        let correction = (actions.clone().square().neg() + (1.0 + FACE)).log();
-        let log_density = q.clone().sum() / self.temperature() + correction.sum();
-        // The sum depends on every action, so that each one has a gradient.
-        let gradient = actions
-            .grad(&log_density.backward())
-            .expect("a gradient in every action");
-        (gradient, mean(q))
-    }
-
-    /// Draws `n` joint actions per row of a seat's observations, `[batch n, n_acted]`.
-    fn drawn(&self, sampler: &Mlp, seen: &Tensor<2>, n: usize, rng: &mut Rng) -> Tensor<2> {
-        let seen = repeat_rows(seen, n);
-        let latent = normal(seen.dims()[0], self.layout.n_acted(), rng);
-        sampler.forward(Tensor::cat(vec![seen, latent], 1)).tanh()
-    }
-
-    /// Draw with the largest value in each row, `[batch, n_acted]`.
-    fn best_drawn(&self, seat: usize, sampler: &Mlp, seen: &Tensor<2>, rng: &mut Rng) -> Tensor<2> {
-        let (n, n_acted) = (self.config.value_particles, self.layout.n_acted());
-        let drawn = self.drawn(sampler, seen, n, rng);
-        let q = values(value(
-            &self.learners[seat].critic.network().valid(),
-            repeat_rows(seen, n),
-            drawn.clone(),
-        ));
-        let drawn = values(drawn);
-        let best = |(row, q): (usize, &[f32])| {
-            let at = row * n + greatest(q);
-            drawn[at * n_acted..(at + 1) * n_acted].to_vec()
-        };
-        matrix(q.chunks(n).enumerate().flat_map(best).collect(), n_acted)
-    }
-
-    /// Part of a joint draw that the seat executes, `[batch, n_i]`.
-    fn own_action(&self, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2> {
-        let (seen, sampler) = (
-            self.seen(seat, observations),
-            self.learners[seat].sampler.network().valid(),
-        );
-        let joint = match (mode, self.config.evaluation_action) {
-            (Mode::Evaluate, EvaluationAction::BestOfDraws) => self.best_drawn(seat, &sampler, &seen, rng),
-            _ => self.drawn(&sampler, &seen, 1, rng),
-        };
-        columns(&joint, self.layout.acted(seat))
-    }
-
-    fn seen(&self, seat: usize, observations: &Tensor<2>) -> Tensor<2> {
-        columns(observations, self.config.sight.columns(&self.layout, seat))
     }
 
     fn temperature(&self) -> f64 {
         self.config.temperature_at(self.schedule.n_steps())
     }
-}
 
-impl Learner {
-    fn new(config: &Config, layout: &JointLayout, seat: usize, rng: &mut Rng) -> Self {
-        let (n_seen, n_acted) = (config.sight.columns(layout, seat).len(), layout.n_acted());
-        let sampler = config.hidden().network(n_seen + n_acted, n_acted, 1.0, rng);
-        let critic = config.hidden().network(n_seen + n_acted, 1, 1.0, rng);
-        Self {
-            target_critic: critic.valid(),
-            sampler: TrainedNetwork::new(
-                sampler,
-                Adam::new(config.actor_learning_rate, config.gradient_clip),
-            ),
-            critic: TrainedNetwork::new(
-                critic,
-                Adam::new(config.critic_learning_rate, config.gradient_clip),
-            ),
-        }
-    }
-
-    fn follow(&mut self, tau: f64) {
-        self.target_critic = soft_update(
-            std::mem::take(&mut self.target_critic),
-            self.critic.network(),
-            tau,
-        );
-    }
-}
-
-fn value(critic: &Mlp, seen: Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
-    critic.forward(Tensor::cat(vec![seen, actions], 1))
-}
-
-/// `ln mean_k exp(x_k)` over the columns, `[rows, 1]`, without overflow.
-fn log_mean_exp(x: Tensor<2>) -> Tensor<2> {
-    let greatest = x.clone().max_dim(1);
-    (x - greatest.clone()).exp().mean_dim(1).log() + greatest
-}
-
-#[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-fn normal(rows: usize, columns: usize, rng: &mut Rng) -> Tensor<2> {
-    matrix(
-        (0..rows * columns).map(|_| standard_normal(rng) as f32).collect(),
-        columns,
-    )
-}
-
-/// Uniform draws from the cube between -1 and 1.
-#[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-fn uniform(rows: usize, columns: usize, rng: &mut Rng) -> Tensor<2> {
-    matrix(
-        (0..rows * columns)
-            .map(|_| (2.0 * standard_uniform(rng) - 1.0) as f32)
-            .collect(),
-        columns,
-    )
-}
-
-fn greatest(x: &[f32]) -> usize {
-    (0..x.len()).fold(0, |best, at| if x[at] > x[best] { at } else { best })
-}
-
-impl Masql {
     /// Inputs and outputs of a seat's sampler as its file describes them: observations, then noise for every
     /// entry of the joint action.
     fn ports(&self, seat: usize) -> Ports {
-        let acted = 0..self.layout.n_acted();
-        let mut ports = self
-            .layout
-            .ports(self.config.sight.columns(&self.layout, seat), acted.clone());
+        let layout = &self.learner.layout;
+        let acted = 0..layout.n_acted();
+        let mut ports = layout.ports(self.learner.seats[seat].seen.clone(), acted.clone());
         for entry in acted {
             ports.inputs.push(format!("noise_{entry}"));
             ports.center.push(0.0);
@@ -410,14 +202,106 @@ impl Masql {
     }
 }
 
+/// A batch for one seat, with the rewards that its config asks for.
+fn drawn(replay: &Replay, n_rows: usize, config: &Config, rng: &mut Rng) -> Batch {
+    let mut batch = replay.draw_distinct(n_rows, rng);
+    if config.reward_normalisation {
+        replay.standardise_rewards(&mut batch);
+    }
+    batch
+}
+
+/// Name of what belongs to a seat.
+fn of_seat(seat: usize, what: &str) -> String {
+    format!("seat_{seat}.{what}")
+}
+
+impl Learner {
+    /// Joint actions of the own parts of draws: of one draw each, and of the best of `n_draws`.
+    fn act(&self, observations: Expression<'_>, n_draws: usize) {
+        let equations = observations.equations();
+        equations.routine("draw");
+        let joint = self.own_actions(|seat| seat.drawn(seat.seen(observations), 1));
+        equations.output("drawn", joint);
+        equations.routine("choose");
+        let joint = self.own_actions(|seat| seat.best_drawn(seat.seen(observations), n_draws));
+        equations.output("chosen", joint);
+    }
+
+    /// Joint actions from each seat's own part of a joint draw.
+    fn own_actions<'e>(&self, draw: impl Fn(&Seat) -> Expression<'e>) -> Expression<'e> {
+        let own = |(at, seat)| draw(seat).columns(self.layout.acted(at));
+        let parts: Vec<_> = self.seats.iter().enumerate().map(own).collect();
+        parts[0].equations().join(&parts)
+    }
+
+    /// One update of each seat's critic and sampler, and one move of all targets.
+    fn update(&self, batch: BatchInputs<'_>, config: &Config) {
+        let equations = batch.observations.equations();
+        let temperature = equations.input("temperature", [1, 1]);
+        let descend = |loss, network: &Network, rate, first_rate| {
+            let descent = Descent::adam(rate, first_rate, config.gradient_clip);
+            equations.descend(loss, &network.parameters(equations), &descent);
+        };
+        for (at, seat) in self.seats.iter().enumerate() {
+            equations.routine(&of_seat(at, "update"));
+            let target = self.soft_target(at, batch, temperature, config);
+            let loss = half_squared_error(seat.critic_value(batch), target);
+            equations.output(&of_seat(at, "critic_loss"), loss);
+            descend(
+                loss,
+                &seat.critic,
+                "critic_learning_rate",
+                config.critic_learning_rate,
+            );
+            let movement = seat.movement(batch.observations, temperature, config);
+            equations.output(&of_seat(at, "particle_value"), movement.held_value);
+            equations.output(&of_seat(at, "kernel_bandwidth"), movement.bandwidth.mean());
+            let loss = movement.loss();
+            descend(
+                loss,
+                &seat.sampler,
+                "actor_learning_rate",
+                config.actor_learning_rate,
+            );
+        }
+        equations.routine("follow");
+        for seat in &self.seats {
+            let (target, source) = (&seat.target_critic, &seat.critic);
+            let (target, source) = (target.parameters(equations), source.parameters(equations));
+            equations.follow(&target, &source, config.target_smoothing);
+        }
+    }
+
+    /// Eq. 11: reward plus the discounted soft value of the next observation.
+    fn soft_target<'e>(
+        &self,
+        seat: usize,
+        batch: BatchInputs<'e>,
+        temperature: Expression<'e>,
+        config: &Config,
+    ) -> Expression<'e> {
+        let n_particles = config.value_particles;
+        let next_value = self.seats[seat].soft_value(batch.next_observations, temperature, n_particles);
+        let rewards = batch.rewards.columns(seat..seat + 1);
+        bootstrapped(rewards, batch.continues, next_value, config.discount)
+    }
+}
+
 impl Agent for Masql {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let joint = self.layout.observations(observations);
-        let own = (0..self.layout.n_seats())
-            .map(|seat| self.own_action(seat, &joint, mode, rng))
-            .collect();
-        self.layout
-            .actions(&values(Tensor::cat(own, 1)), self.schedule.n_steps())
+        let (learner, layout, n_rows) = (&self.learner, &self.learner.layout, observations.len());
+        let plan = self.acting.of_rows(n_rows, |equations| {
+            let observations = equations.input("observations", [n_rows, layout.n_observed()]);
+            learner.act(observations, self.config.value_particles);
+        });
+        let (routine, actions) = match (mode, self.config.evaluation_action) {
+            (Mode::Evaluate, EvaluationAction::BestOfDraws) => ("choose", "chosen"),
+            _ => ("draw", "drawn"),
+        };
+        plan.write("observations", &layout.observation_rows(observations));
+        plan.run_seeded(routine, &mut self.state, rng.next_u64());
+        layout.actions(plan.entries(actions), self.schedule.n_steps())
     }
 
     fn learn(
@@ -443,78 +327,32 @@ impl Agent for Masql {
         Ok(())
     }
 
-    fn updates(&self) -> Option<Updates> {
-        Some(
-            self.schedule
-                .updates(self.config.learning_starts, self.config.updates_per_step),
-        )
-    }
-
-    fn save(&self, dir: &Path) -> Result<(), Error> {
-        let mut file = TensorFile::default();
-        for (seat, learner) in self.learners.iter().enumerate() {
-            learner.sampler.store(&format!("sampler_{seat}"), &mut file);
-            learner.critic.store(&format!("critic_{seat}"), &mut file);
-            store(
-                &learner.target_critic,
-                &format!("target_critic_{seat}"),
-                &mut file,
-            );
-        }
-        self.replay.store(&mut file);
-        checkpoint::write(NAME, dir, file, &self.schedule)
-    }
-
-    fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, schedule) = checkpoint::read(NAME, dir)?;
-        let misfit = checkpoint::error_of(NAME);
-        for (seat, learner) in self.learners.iter_mut().enumerate() {
-            learner
-                .sampler
-                .restore(&format!("sampler_{seat}"), &file)
-                .map_err(&misfit)?;
-            learner
-                .critic
-                .restore(&format!("critic_{seat}"), &file)
-                .map_err(&misfit)?;
-            let target = restore(
-                learner.target_critic.clone(),
-                &format!("target_critic_{seat}"),
-                &file,
-            );
-            learner.target_critic = target.map_err(&misfit)?;
-        }
-        self.replay.restore(&file).map_err(&misfit)?;
-        self.schedule = schedule;
-        Ok(())
-    }
+    checkpoint::keeps!(NAME);
 
     /// Writes one file per seat, in a folder with the seat's name. Inputs are the observation and then
     /// standard normal noise, one number per entry of the joint action. Outputs are the joint action, of
     /// which the seat executes its own entries. The critic has a file beside it: the best of several draws is
     /// the one with the largest value.
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        for (seat, learner) in self.learners.iter().enumerate() {
-            let policy = Policy::new(learner.sampler.network(), self.ports(seat), Head::Tanh);
-            let folder = self.layout.folder(dir, seat)?;
-            policy.write(&folder).map_err(checkpoint::error_of(NAME))?;
+        let misfit = checkpoint::error_of(NAME);
+        for (at, seat) in self.learner.seats.iter().enumerate() {
+            let policy = Policy::new(&seat.sampler, &self.state, self.ports(at), Head::Tanh);
+            let folder = self.learner.layout.folder(dir, at)?;
+            policy.write(&folder).map_err(&misfit)?;
             let mut critic = TensorFile::default();
-            store(&learner.critic.network().valid(), CRITIC, &mut critic);
-            critic
-                .write(&folder.join(CRITIC_FILE))
-                .map_err(checkpoint::error_of(NAME))?;
+            store_network(&seat.critic, CRITIC, &self.state, &mut critic);
+            critic.write(&folder.join(CRITIC_FILE)).map_err(&misfit)?;
         }
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
         let misfit = checkpoint::error_of(NAME);
-        for seat in 0..self.learners.len() {
-            let (ports, folder) = (self.ports(seat), self.layout.place(dir, seat));
-            let learner = &mut self.learners[seat];
-            checkpoint::import_policy(NAME, &mut learner.sampler, &folder, &ports, Head::Tanh)?;
+        for (at, seat) in self.learner.seats.iter().enumerate() {
+            let (ports, folder) = (self.ports(at), self.learner.layout.place(dir, at));
+            checkpoint::import_policy(NAME, &seat.sampler, &mut self.state, &folder, &ports, Head::Tanh)?;
             let critic = TensorFile::read(&folder.join(CRITIC_FILE)).map_err(&misfit)?;
-            learner.critic.restore_network(CRITIC, &critic).map_err(&misfit)?;
+            restore_network(&seat.critic, CRITIC, &mut self.state, &critic).map_err(&misfit)?;
         }
         Ok(true)
     }

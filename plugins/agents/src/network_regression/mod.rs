@@ -35,8 +35,8 @@ use contract::{
     Registry, Rng, Space, Transition, Updates,
 };
 use numerics::{
+    activation::Activation,
     equations::{network::Network, state_file},
-    network::Activation,
     policy_file::{Head, Policy},
     tensor_file::TensorFile,
 };
@@ -153,7 +153,7 @@ impl NetworkRegression {
             activation: Activation::Relu,
         };
         // A network without inputs gets one that is always 0.
-        let network = hidden.described("network", chosen.len().max(1), actions.len());
+        let network = hidden.network("network", chosen.len().max(1), actions.len());
         let mut state = State::default();
         network.initialise(1.0, &mut state, rng);
         if config.updates_per_batch > 1 && config.memory == 0 {
@@ -358,7 +358,7 @@ impl Agent for NetworkRegression {
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let ports = self.inputs.ports(&self.names());
         let (center, spread) = self.actions.iter().map(|it| (it.center, it.spread)).unzip();
-        let policy = Policy::of_state(&self.network, &self.state, ports, Head::Identity);
+        let policy = Policy::new(&self.network, &self.state, ports, Head::Identity);
         let policy = policy.in_units(center, spread);
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
@@ -366,7 +366,7 @@ impl Agent for NetworkRegression {
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
         let ports = self.inputs.ports(&self.names());
-        checkpoint::import_network(NAME, &self.network, &mut self.state, dir, &ports, Head::Identity)?;
+        checkpoint::import_policy(NAME, &self.network, &mut self.state, dir, &ports, Head::Identity)?;
         Ok(true)
     }
 }

@@ -15,7 +15,7 @@ pub struct BatchWidths {
 
 /// Transitions, each part row by row.
 #[derive(Debug, Clone, PartialEq)]
-pub struct BatchRows {
+pub struct Batch {
     /// Number of transitions.
     pub n_rows: usize,
     /// Observations of all seats.
@@ -30,7 +30,7 @@ pub struct BatchRows {
     pub continues: Vec<f32>,
 }
 
-impl BatchRows {
+impl Batch {
     /// Writes the inputs that [`BatchInputs::new`] has added.
     pub fn write(&self, processor: &mut Processor<f32>) {
         self.write_named("", processor);

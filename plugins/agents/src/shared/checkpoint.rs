@@ -3,8 +3,6 @@
 use contract::Error;
 use numerics::{
     equations::{network::Network, state_file},
-    network::Mlp,
-    optimizer::TrainedNetwork,
     policy_file::{self, Head, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
@@ -43,32 +41,29 @@ pub fn read<C: DeserializeOwned>(agent: &'static str, dir: &Path) -> Result<(Ten
     Ok((file, counters))
 }
 
-/// Implements `updates`, `save` and `load` for a learner that trains from a replay buffer by a schedule. The
-/// macro takes one list of the learner's fields: networks with their optimisers, target networks, and
-/// counters. The learner has a `config` with `learning_starts` and `updates_per_step`, a `schedule` and a
-/// `replay`.
+/// Implements `updates`, `save` and `load` for a learner that trains from a replay buffer by a schedule. The learner has
+/// the fields `state`, `replay` and `schedule`, a `config` with `learning_starts` and `updates_per_step`, and the
+/// counters that are listed.
 macro_rules! keeps {
-    ($name:expr; trained: $($trained:ident),+; targets: $($target:ident),+; counters: $($counter:ident),*) => {
+    ($name:expr $(; counters: $($counter:ident),+)?) => {
         fn updates(&self) -> Option<Updates> {
             let (first, per_step) = (self.config.learning_starts, self.config.updates_per_step);
             Some(self.schedule.updates(first, per_step))
         }
 
         fn save(&self, dir: &Path) -> Result<(), Error> {
-            let mut file = TensorFile::default();
-            $(self.$trained.store(stringify!($trained), &mut file);)+
-            $(store(&self.$target, stringify!($target), &mut file);)+
+            let mut file = numerics::tensor_file::TensorFile::default();
+            numerics::equations::state_file::store(&self.state, &mut file);
             self.replay.store(&mut file);
-            checkpoint::write($name, dir, file, &checkpoint::keeps!(@save self; $($counter),*))
+            checkpoint::write($name, dir, file, &checkpoint::keeps!(@save self; $($($counter),+)?))
         }
 
         fn load(&mut self, dir: &Path) -> Result<(), Error> {
             let (file, counters): (_, serde_json::Value) = checkpoint::read($name, dir)?;
             let misfit = checkpoint::error_of($name);
-            $(self.$trained.restore(stringify!($trained), &file).map_err(&misfit)?;)+
-            $(self.$target = restore(self.$target.clone(), stringify!($target), &file).map_err(&misfit)?;)+
+            numerics::equations::state_file::restore(&mut self.state, &file).map_err(&misfit)?;
             self.replay.restore(&file).map_err(&misfit)?;
-            checkpoint::keeps!(@load self, $name, counters; $($counter),*);
+            checkpoint::keeps!(@load self, $name, counters; $($($counter),+)?);
             Ok(())
         }
     };
@@ -87,40 +82,12 @@ macro_rules! keeps {
 }
 pub(crate) use keeps;
 
-/// Implements `updates`, `save` and `load` for a learner that trains from a replay buffer by a schedule. The learner has
-/// the fields `state`, `replay` and `schedule`, and a `config` with `learning_starts` and `updates_per_step`.
-macro_rules! keeps_state {
-    ($name:expr) => {
-        fn updates(&self) -> Option<Updates> {
-            let (first, per_step) = (self.config.learning_starts, self.config.updates_per_step);
-            Some(self.schedule.updates(first, per_step))
-        }
-
-        fn save(&self, dir: &Path) -> Result<(), Error> {
-            let mut file = numerics::tensor_file::TensorFile::default();
-            numerics::equations::state_file::store(&self.state, &mut file);
-            self.replay.store(&mut file);
-            checkpoint::write($name, dir, file, &self.schedule)
-        }
-
-        fn load(&mut self, dir: &Path) -> Result<(), Error> {
-            let (file, schedule) = checkpoint::read($name, dir)?;
-            let misfit = checkpoint::error_of($name);
-            numerics::equations::state_file::restore(&mut self.state, &file).map_err(&misfit)?;
-            self.replay.restore(&file).map_err(&misfit)?;
-            self.schedule = schedule;
-            Ok(())
-        }
-    };
-}
-pub(crate) use keeps_state;
-
 /// Loads the network of the policy file in `dir` into a state; `ports` and `head` are those that the agent itself would
 /// write.
 ///
 /// # Errors
 /// Those of [`read_policy`], and [`Error::Checkpoint`] for a network of another shape.
-pub fn import_network(
+pub fn import_policy(
     agent: &'static str,
     policy: &Network,
     state: &mut State<f32>,
@@ -138,24 +105,6 @@ pub fn import_network(
 /// [`Error::Checkpoint`] where the value has another type.
 pub fn counter<C: DeserializeOwned>(agent: &'static str, value: &serde_json::Value) -> Result<C, Error> {
     C::deserialize(value).map_err(|source| misfit(agent, source))
-}
-
-/// Loads the network of the policy file in `dir` into `policy`; `ports` and `head` are those that the agent
-/// itself would write.
-///
-/// # Errors
-/// Those of [`read_policy`], and [`Error::Checkpoint`] for a network of another shape.
-pub fn import_policy(
-    agent: &'static str,
-    policy: &mut TrainedNetwork<Mlp>,
-    dir: &Path,
-    ports: &Ports,
-    head: Head,
-) -> Result<(), Error> {
-    let file = read_policy(agent, dir, ports, head)?;
-    policy
-        .restore_network(policy_file::PREFIX, &file)
-        .map_err(error_of(agent))
 }
 
 /// Reads the policy file in `dir`; `ports` and `head` are those that the agent itself would write.

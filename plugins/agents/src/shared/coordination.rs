@@ -1,15 +1,10 @@
 //! A tiny game for the tests of agents that play several seats. All seats earn the same, and one alone can
 //! earn little.
 
-use burn::tensor::Tensor;
 use contract::{
     Agent, Channel, End, Interface, Metric, Mode, Observation, Recorder, Rng, Seat, Space, Transition,
 };
-use numerics::{
-    network::{Mlp, values},
-    parameters::{parameters, with_parameters},
-    policy_file::Policy,
-};
+use numerics::policy_file::Policy;
 use rand::Rng as _;
 
 /// Interface with one seat per entry, which observes and acts with these numbers of entries.
@@ -128,37 +123,6 @@ fn observe(x: f64) -> Observation {
     Observation {
         seats: vec![vec![x], vec![x]],
         state: Vec::new(),
-    }
-}
-
-/// Asserts that the gradient of a loss in every parameter of a network agrees with central differences.
-pub fn assert_gradient(network: &Mlp, loss: impl Fn(&Mlp) -> Tensor<1>) {
-    let analytic = numerics::optimizer::gradients(network, &mut loss(network).backward()).concat();
-    let numbers = parameters(network);
-    let at = |p: usize, i: usize, step: f32| {
-        let mut moved = numbers.clone();
-        moved[p].values[i] += step;
-        f64::from(values(loss(&with_parameters(network.clone(), &moved).unwrap()))[0])
-    };
-    let places = numbers
-        .iter()
-        .enumerate()
-        .flat_map(|(p, parameter)| (0..parameter.values.len()).map(move |i| (p, i)));
-    let differences: Vec<f64> = places
-        .map(|(p, i)| (at(p, i, 5e-3) - at(p, i, -5e-3)) / 1e-2)
-        .collect();
-    let largest = differences
-        .iter()
-        .fold(0.0f64, |largest, slope| largest.max(slope.abs()));
-    assert!(
-        largest > 1e-3 && analytic.len() == differences.len(),
-        "largest {largest}"
-    );
-    for (gradient, difference) in analytic.iter().zip(&differences) {
-        assert!(
-            (f64::from(*gradient) - difference).abs() < 0.02 * largest,
-            "{gradient} {difference} of {largest}"
-        );
     }
 }
 

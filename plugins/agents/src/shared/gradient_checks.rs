@@ -1,6 +1,6 @@
 //! Gradients of losses in the equations of learners against central differences in `f64`, for tests.
 
-use super::batch::BatchRows;
+use super::batch::Batch;
 use numerics::equations::network::Network;
 use plan::{Equations, Expression, State, differences::largest_error};
 
@@ -9,7 +9,7 @@ use plan::{Equations, Expression, State, differences::largest_error};
 pub fn assert_gradient(
     networks: &[&Network],
     state: &State<f32>,
-    batch: &BatchRows,
+    batch: &Batch,
     write: impl FnOnce(&Equations),
 ) {
     let networks = networks.iter();
@@ -21,7 +21,7 @@ pub fn assert_gradient(
 pub fn assert_gradient_in(
     names: &[String],
     state: &State<f32>,
-    batch: &BatchRows,
+    batch: &Batch,
     write: impl FnOnce(&Equations),
 ) {
     let equations = Equations::new();
@@ -44,7 +44,7 @@ pub fn assert_gradient_in(
 pub fn outputs<const N: usize>(
     names: [&str; N],
     state: &State<f32>,
-    batch: &BatchRows,
+    batch: &Batch,
     write: impl FnOnce(&Equations),
 ) -> [Vec<f32>; N] {
     let equations = Equations::new();

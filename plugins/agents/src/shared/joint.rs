@@ -5,12 +5,11 @@
 //! | s = (o_1, ..., o_N) | joint observation, the seats one after the other | `[batch, n_observed]` |
 //! | a = (a_1, ..., a_N) | joint action, the seats one after the other | `[batch, n_acted]` |
 //! | o_i, a_i | columns `observed(i)` and `acted(i)` | `[batch, ..]` |
-//! | a^-i | [`JointLayout::others`] | `[batch, n_acted - n_i]` |
 
 use super::seat::{kind, mismatch, named, observed};
-use burn::tensor::Tensor;
 use contract::{Action, Channel, Error, Interface, Observation, Seat, Space};
-use numerics::{network::matrix, policy_file::Ports};
+use numerics::policy_file::Ports;
+use plan::Expression;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{
@@ -116,19 +115,6 @@ impl JointLayout {
         self.acted.iter().map(ExactSizeIterator::len).collect()
     }
 
-    /// Joint observations `[rows, n_observed]`, one row per observation.
-    ///
-    /// # Panics
-    /// Where an observation does not have the length of the layout.
-    #[must_use]
-    #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-    pub fn observations(&self, rows: &[Observation]) -> Tensor<2> {
-        let entries = rows
-            .iter()
-            .flat_map(|observation| observation.seats.iter().flatten());
-        matrix(entries.map(|entry| *entry as f32).collect(), self.n_observed())
-    }
-
     /// Joint observations row by row, with `n_observed` entries each.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
@@ -162,30 +148,21 @@ impl JointLayout {
 
     /// Joint actions with the columns of one seat replaced by `action` `[batch, ..]`.
     #[must_use]
-    pub fn with_action(&self, joint: &Tensor<2>, seat: usize, action: Tensor<2>) -> Tensor<2> {
-        let Range { start, end } = self.acted(seat);
-        let parts = [
-            (start > 0).then(|| columns(joint, 0..start)),
-            Some(action),
-            self.after(joint, end),
-        ];
-        Tensor::cat(parts.into_iter().flatten().collect(), 1)
-    }
-
-    /// Actions of all seats but one, in order, `[batch, n_acted - n_i]`; `None` where there is only one seat.
-    #[must_use]
-    pub fn others(&self, joint: &Tensor<2>, seat: usize) -> Option<Tensor<2>> {
-        let Range { start, end } = self.acted(seat);
-        let parts = [
-            (start > 0).then(|| columns(joint, 0..start)),
-            self.after(joint, end),
-        ];
-        let parts: Vec<_> = parts.into_iter().flatten().collect();
-        (!parts.is_empty()).then(|| Tensor::cat(parts, 1))
-    }
-
-    fn after(&self, joint: &Tensor<2>, end: usize) -> Option<Tensor<2>> {
-        (end < self.n_acted()).then(|| columns(joint, end..self.n_acted()))
+    pub fn exchanged<'e>(
+        &self,
+        joint: Expression<'e>,
+        seat: usize,
+        action: Expression<'e>,
+    ) -> Expression<'e> {
+        let part = |at| {
+            if at == seat {
+                action
+            } else {
+                joint.columns(self.acted(at))
+            }
+        };
+        let parts: Vec<_> = (0..self.n_seats()).map(part).collect();
+        joint.equations().join(&parts)
     }
 
     /// Path below `dir` for the files of one seat.
@@ -222,28 +199,6 @@ impl JointLayout {
             outputs: self.acted_names[acted].to_vec(),
         }
     }
-}
-
-/// Columns `range` of a tensor.
-#[must_use]
-pub fn columns(tensor: &Tensor<2>, range: Range<usize>) -> Tensor<2> {
-    let [rows, width] = tensor.dims();
-    if range == (0..width) {
-        tensor.clone()
-    } else {
-        tensor.clone().slice([0..rows, range])
-    }
-}
-
-/// Each row repeated `n` times in succession, `[batch n, ..]`.
-#[must_use]
-pub fn repeat_rows(tensor: &Tensor<2>, n: usize) -> Tensor<2> {
-    let [rows, width] = tensor.dims();
-    tensor
-        .clone()
-        .unsqueeze_dim::<3>(1)
-        .repeat_dim(1, n)
-        .reshape([rows * n, width])
 }
 
 /// Names of the entries of a seat's action, each between -1 and 1: those of a box with these limits, or of
@@ -295,7 +250,7 @@ fn ranges(names: &[Vec<String>]) -> Vec<Range<usize>> {
 mod tests {
     use super::super::coordination::interface;
     use super::*;
-    use numerics::network::values;
+    use plan::{Equations, Processor, State};
 
     #[test]
     fn columns_follow_the_seats() {
@@ -315,10 +270,7 @@ mod tests {
             seats: vec![vec![1.0, 2.0], vec![3.0], vec![4.0, 5.0, 6.0]],
             state: Vec::new(),
         };
-        assert_eq!(
-            values(layout.observations(&[seen])),
-            [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
-        );
+        assert_eq!(layout.observation_rows(&[seen]), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
         let split = layout.actions(&[0.5, -0.5, 1.5, -1.0], 0).unwrap();
         assert_eq!(split, [[vec![0.5], vec![-0.5, 1.0], vec![-1.0]]]);
         assert!(matches!(
@@ -328,32 +280,27 @@ mod tests {
     }
 
     #[test]
-    fn a_seat_is_exchanged_or_left_out() {
+    fn a_seat_is_exchanged() {
         let layout = JointLayout::new("x", &interface(&[1, 1, 1], &[1, 2, 1])).unwrap();
-        let joint = matrix(vec![1.0, 2.0, 3.0, 4.0], 4);
-        let exchange =
-            |seat, new: &[f32]| values(layout.with_action(&joint, seat, matrix(new.to_vec(), new.len())));
+        let exchange = |seat, new: &[f64]| {
+            let equations = Equations::new();
+            let row = |entries: &[f64]| equations.constant([1, entries.len()], entries);
+            equations.routine("exchange");
+            let exchanged = layout.exchanged(row(&[1.0, 2.0, 3.0, 4.0]), seat, row(new));
+            equations.output("exchanged", exchanged);
+            let mut processor = Processor::<f32>::new(equations.into_graph());
+            processor.run("exchange", &mut State::default());
+            processor.entries("exchanged").to_vec()
+        };
         assert_eq!(exchange(0, &[9.0]), [9.0, 2.0, 3.0, 4.0]);
         assert_eq!(exchange(1, &[8.0, 9.0]), [1.0, 8.0, 9.0, 4.0]);
         assert_eq!(exchange(2, &[9.0]), [1.0, 2.0, 3.0, 9.0]);
-        assert_eq!(values(layout.others(&joint, 1).unwrap()), [1.0, 4.0]);
-        assert_eq!(values(layout.others(&joint, 2).unwrap()), [1.0, 2.0, 3.0]);
-        assert_eq!(
-            values(repeat_rows(&matrix(vec![1.0, 2.0, 3.0, 4.0], 2), 2)),
-            [1.0, 2.0, 1.0, 2.0, 3.0, 4.0, 3.0, 4.0]
-        );
         assert_eq!(
             (
                 ObservationScope::Own.columns(&layout, 2),
                 ObservationScope::Joint.columns(&layout, 2)
             ),
             (2..3, 0..3)
-        );
-        let alone = JointLayout::new("x", &interface(&[1], &[2])).unwrap();
-        assert!(alone.others(&matrix(vec![1.0, 2.0], 2), 0).is_none());
-        assert_eq!(
-            values(alone.with_action(&matrix(vec![1.0, 2.0], 2), 0, matrix(vec![3.0, 4.0], 2))),
-            [3.0, 4.0]
         );
     }
 

@@ -8,16 +8,12 @@
 //! | 1 - d | `continues`: 0 where s' is terminal, 1 elsewhere, also where an episode was only cut off | `[batch, 1]` |
 //! | mu_i, sigma_i | [`Replay::reward_moments`], over everything that is stored | scalars |
 
-use super::batch::{BatchRows, BatchWidths};
-use super::joint::{JointLayout, columns};
+use super::batch::{Batch, BatchWidths};
+use super::joint::JointLayout;
 use super::ring::Ring;
 use super::scaling::Scaling;
-use burn::tensor::Tensor;
 use contract::{End, Observation, Transition};
-use numerics::{
-    network::matrix,
-    tensor_file::{TensorFile, TensorFileError},
-};
+use numerics::tensor_file::{TensorFile, TensorFileError};
 use rand::{Rng, RngCore};
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
@@ -40,21 +36,6 @@ struct RewardSums {
     origin: f64,
     sum: f64,
     sum_of_squares: f64,
-}
-
-/// A batch of transitions as tensors without gradients.
-#[derive(Debug, Clone)]
-pub struct Batch {
-    /// Observations of all seats, `[batch, n_observed]`.
-    pub observations: Tensor<2>,
-    /// Actions of all seats, `[batch, n_acted]`.
-    pub actions: Tensor<2>,
-    /// Rewards of each seat, `[batch, n_seats]`.
-    pub rewards: Tensor<2>,
-    /// Next observations of all seats, `[batch, n_observed]`.
-    pub next_observations: Tensor<2>,
-    /// 0 after a terminal step, else 1, `[batch, 1]`.
-    pub continues: Tensor<2>,
 }
 
 impl Replay {
@@ -137,7 +118,7 @@ impl Replay {
     ///
     /// # Panics
     /// Where the buffer is empty.
-    pub fn sample_with_replacement(&self, n: usize, rng: &mut impl RngCore) -> Batch {
+    pub fn draw(&self, n: usize, rng: &mut impl RngCore) -> Batch {
         let picked: Vec<usize> = (0..n).map(|_| rng.random_range(0..self.len())).collect();
         self.picked(&picked)
     }
@@ -146,43 +127,17 @@ impl Replay {
     ///
     /// # Panics
     /// Where the buffer holds fewer than `n` transitions.
-    pub fn sample_distinct(&self, n: usize, rng: &mut impl RngCore) -> Batch {
+    pub fn draw_distinct(&self, n: usize, rng: &mut impl RngCore) -> Batch {
         assert!(n <= self.len(), "{n} transitions of {}", self.len());
         self.picked(&distinct(n, self.len(), rng))
-    }
-
-    /// As [`Replay::sample`], on the host.
-    pub fn draw(&self, n: usize, rng: &mut impl RngCore) -> BatchRows {
-        let picked: Vec<usize> = (0..n).map(|_| rng.random_range(0..self.len())).collect();
-        self.picked_rows(&picked)
-    }
-
-    /// As [`Replay::sample_distinct`], on the host.
-    ///
-    /// # Panics
-    /// Where the buffer holds fewer than `n` transitions.
-    pub fn draw_distinct(&self, n: usize, rng: &mut impl RngCore) -> BatchRows {
-        assert!(n <= self.len(), "{n} transitions of {}", self.len());
-        self.picked_rows(&distinct(n, self.len(), rng))
     }
 
     /// The `n` latest transitions, the oldest of them first; all of them where fewer are stored.
     #[must_use]
     pub fn latest(&self, n: usize) -> Batch {
-        self.picked(&self.latest_places(n))
-    }
-
-    /// As [`Replay::latest`], on the host.
-    #[must_use]
-    pub fn latest_rows(&self, n: usize) -> BatchRows {
-        self.picked_rows(&self.latest_places(n))
-    }
-
-    fn latest_places(&self, n: usize) -> Vec<usize> {
         let (stored, n) = (self.len(), n.min(self.len()));
-        (stored - n..stored)
-            .map(|age| (self.rows.oldest() + age) % stored)
-            .collect()
+        let places = (stored - n..stored).map(|age| (self.rows.oldest() + age) % stored);
+        self.picked(&places.collect::<Vec<_>>())
     }
 
     /// Numbers of entries of the joint observation, of the joint action, and of seats.
@@ -197,7 +152,7 @@ impl Replay {
 
     /// Replaces the rewards of each seat by their distance from the mean of all that are stored, in units of their
     /// standard deviation (1 where they are equal).
-    pub fn standardise_rewards(&self, batch: &mut BatchRows) {
+    pub fn standardise_rewards(&self, batch: &mut Batch) {
         let moments: Vec<_> = (0..self.n_seats())
             .map(|seat| self.reward_moments(seat))
             .collect();
@@ -232,18 +187,6 @@ impl Replay {
         )
     }
 
-    /// Rewards of one seat in a batch, `[batch, 1]`. Where `standardised`, the mean of all stored rewards is
-    /// subtracted and their standard deviation divides (1 where they are equal).
-    #[must_use]
-    pub fn rewards_of(&self, batch: &Batch, seat: usize, standardised: bool) -> Tensor<2> {
-        let rewards = columns(&batch.rewards, seat..seat + 1);
-        if !standardised {
-            return rewards;
-        }
-        let (mean, sd) = self.reward_moments(seat);
-        (rewards - mean) / if sd > SMALLEST_SD { sd } else { 1.0 }
-    }
-
     /// Stores the buffer in a file.
     pub fn store(&self, file: &mut TensorFile) {
         self.rows.store("replay", file);
@@ -271,17 +214,6 @@ impl Replay {
     }
 
     fn picked(&self, picked: &[usize]) -> Batch {
-        let rows = self.picked_rows(picked);
-        Batch {
-            observations: matrix(rows.observations, self.n_observed),
-            actions: matrix(rows.actions, self.n_acted),
-            rewards: matrix(rows.rewards, self.n_seats()),
-            next_observations: matrix(rows.next_observations, self.n_observed),
-            continues: matrix(rows.continues, 1),
-        }
-    }
-
-    fn picked_rows(&self, picked: &[usize]) -> BatchRows {
         let columns = |from: usize, count: usize| {
             let mut values = Vec::with_capacity(picked.len() * count);
             for at in picked {
@@ -290,7 +222,7 @@ impl Replay {
             values
         };
         let (observed, acted, seats) = (self.n_observed, self.n_acted, self.n_seats());
-        BatchRows {
+        Batch {
             n_rows: picked.len(),
             observations: columns(0, observed),
             actions: columns(observed, acted),
@@ -375,7 +307,6 @@ mod tests {
     use super::super::scaling::ObservationScaling;
     use super::*;
     use contract::{Channel, random::stream};
-    use numerics::network::values;
 
     /// Buffer for two seats with 2 and 1 observed entries, and 1 and 2 entries of the action.
     fn replay(capacity: usize) -> Replay {
@@ -408,13 +339,9 @@ mod tests {
 
     #[test]
     fn the_oldest_gives_way_and_rows_stay_together() {
-        let batch = filled(3, 5).sample_distinct(3, &mut stream(&["replay"]));
-        let (seen, done) = (values(batch.observations), values(batch.actions));
-        let (rewards, next, continues) = (
-            values(batch.rewards),
-            values(batch.next_observations),
-            values(batch.continues),
-        );
+        let batch = filled(3, 5).draw_distinct(3, &mut stream(&["replay"]));
+        let (seen, done) = (batch.observations, batch.actions);
+        let (rewards, next, continues) = (batch.rewards, batch.next_observations, batch.continues);
         let mut drawn: Vec<f32> = (0..3).map(|i| seen[3 * i]).collect();
         for i in 0..3 {
             let x = seen[3 * i];
@@ -436,7 +363,9 @@ mod tests {
         let (replay, mut rng) = (filled(20, 10), stream(&["uniform"]));
         let mut counts = [0; 10];
         for _ in 0..2_000 {
-            let mut seen = values(replay.sample_distinct(4, &mut rng).rewards)
+            let mut seen = replay
+                .draw_distinct(4, &mut rng)
+                .rewards
                 .into_iter()
                 .step_by(2)
                 .collect::<Vec<_>>();
@@ -456,7 +385,7 @@ mod tests {
     #[test]
     fn with_replacement_draws_are_uniform_and_repeat() {
         let (replay, mut rng) = (filled(20, 4), stream(&["replaced"]));
-        let rewards = values(replay.sample_with_replacement(4_000, &mut rng).rewards);
+        let rewards = replay.draw(4_000, &mut rng).rewards;
         for x in 1..=4u8 {
             // Each row is expected 1000 times, with a deviation of sqrt(4000 * 0.25 * 0.75) = 27.
             let count = rewards
@@ -487,25 +416,17 @@ mod tests {
             &scaling,
         );
         let batch = replay.latest(1);
+        assert_eq!((batch.observations, batch.actions), (vec![1.0, -3.0], vec![0.5]));
         assert_eq!(
-            (values(batch.observations), values(batch.actions)),
-            (vec![1.0, -3.0], vec![0.5])
-        );
-        assert_eq!(
-            (values(batch.next_observations), values(batch.rewards)),
+            (batch.next_observations, batch.rewards),
             (vec![2.0, -5.0], vec![7.0])
         );
-        assert_eq!(values(batch.continues), [0.0]);
+        assert_eq!(batch.continues, [0.0]);
     }
 
     #[test]
     fn the_latest_come_in_their_order() {
-        let first = |batch: Batch| {
-            values(batch.observations)
-                .into_iter()
-                .step_by(3)
-                .collect::<Vec<_>>()
-        };
+        let first = |batch: Batch| batch.observations.into_iter().step_by(3).collect::<Vec<_>>();
         assert_eq!(first(filled(3, 5).latest(2)), [4.0, 5.0]);
         assert_eq!(first(filled(3, 5).latest(9)), [3.0, 4.0, 5.0]);
         assert_eq!(first(filled(9, 5).latest(2)), [4.0, 5.0]);
@@ -530,17 +451,24 @@ mod tests {
     #[test]
     fn rewards_are_standardised_by_seat() {
         let replay = filled(9, 4);
-        let batch = replay.latest(4);
-        assert_eq!(
-            values(replay.rewards_of(&batch, 1, false)),
-            [-1.0, -2.0, -3.0, -4.0]
-        );
+        let mut batch = replay.latest(4);
+        let second = |batch: &Batch| {
+            batch
+                .rewards
+                .iter()
+                .skip(1)
+                .step_by(2)
+                .copied()
+                .collect::<Vec<f32>>()
+        };
+        assert_eq!(second(&batch), [-1.0, -2.0, -3.0, -4.0]);
         // Mean -2.5 and variance 1.25.
         let by_hand: Vec<f32> = [1.5f32, 0.5, -0.5, -1.5]
             .iter()
             .map(|x| x / 1.25f32.sqrt())
             .collect();
-        let standardised = values(replay.rewards_of(&batch, 1, true));
+        replay.standardise_rewards(&mut batch);
+        let standardised = second(&batch);
         assert!(
             standardised
                 .iter()
@@ -549,7 +477,9 @@ mod tests {
             "{standardised:?}"
         );
         let alone = filled(9, 1);
-        assert_eq!(values(alone.rewards_of(&alone.latest(1), 0, true)), [0.0]);
+        let mut only = alone.latest(1);
+        alone.standardise_rewards(&mut only);
+        assert_eq!(only.rewards, [0.0, 0.0]);
     }
 
     #[test]

@@ -1,9 +1,8 @@
 //! Fully connected networks for the seats of a game, with equal hidden layers.
 
 use contract::Error;
+use numerics::activation::Activation;
 use numerics::equations::network::Network;
-use numerics::network::{Activation, Mlp, device};
-use rand::RngCore;
 
 /// Size and activation of the hidden layers of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,21 +18,9 @@ pub struct HiddenLayers {
 impl HiddenLayers {
     /// Describes a network from `inputs` to `outputs`.
     #[must_use]
-    pub fn described(self, name: impl Into<String>, inputs: usize, outputs: usize) -> Network {
+    pub fn network(self, name: impl Into<String>, inputs: usize, outputs: usize) -> Network {
         let sizes = [vec![inputs], vec![self.width; self.layers], vec![outputs]].concat();
         Network::new(name, &sizes, &vec![self.activation; self.layers])
-    }
-
-    /// Creates a network to be trained, from `inputs` to `outputs`; `output_gain` as in [`Mlp::new`].
-    pub fn network(self, inputs: usize, outputs: usize, output_gain: f64, rng: &mut impl RngCore) -> Mlp {
-        let sizes = [vec![inputs], vec![self.width; self.layers], vec![outputs]].concat();
-        Mlp::new(
-            &sizes,
-            &vec![self.activation; self.layers],
-            output_gain,
-            rng,
-            &device().autodiff(),
-        )
     }
 }
 
@@ -66,10 +53,10 @@ mod tests {
             layers: 3,
             activation: Activation::Tanh,
         };
-        let network = hidden.network(2, 5, 1.0, &mut contract::random::stream(&["hidden"]));
+        let network = hidden.network("some", 2, 5);
         assert_eq!(
             (network.sizes(), network.activations()),
-            (vec![2, 7, 7, 7, 5], [Activation::Tanh; 3].as_slice())
+            ([2, 7, 7, 7, 5].as_slice(), [Activation::Tanh; 3].as_slice())
         );
     }
 

@@ -117,11 +117,11 @@ impl SoftLearner {
     ) -> Self {
         let Sizes { seen, done, .. } = sizes;
         let name = |network: &str| format!("{prefix}{network}");
-        let policy = sizes.policy.described(name("policy"), seen, 2 * done);
+        let policy = sizes.policy.network(name("policy"), seen, 2 * done);
         policy.initialise(sizes.output_gain, state, rng);
         let critics = ["first", "second"].map(|which| {
             let name = name(&format!("critics.{which}"));
-            let critic = sizes.critics.described(name, seen + done, 1);
+            let critic = sizes.critics.network(name, seen + done, 1);
             critic.initialise(1.0, state, rng);
             critic
         });

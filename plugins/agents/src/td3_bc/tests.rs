@@ -3,7 +3,7 @@
 use super::*;
 use crate::shared::{
     bandit,
-    batch::BatchRows,
+    batch::Batch,
     dataset_actor::tests::{cube, decisions, fit},
     gradient_checks::{assert_gradient, computed, outputs},
 };
@@ -41,7 +41,7 @@ fn reward(x: f64, action: &[f64]) -> f64 {
         .sum::<f64>()
 }
 
-fn batch_of(agent: &Td3Bc, n: usize) -> BatchRows {
+fn batch_of(agent: &Td3Bc, n: usize) -> Batch {
     agent
         .actor
         .batch(&decisions(n, &mut stream(&["batch"]), random_shares, reward))
@@ -131,7 +131,7 @@ fn the_gradient_of_the_policy_agrees_with_finite_differences() {
         let agent = agent(tiny(), &interface);
         let n = agent.actor.n_acted();
         let actions = (0..4 * n).map(|i| 0.1 + 0.05 * i as f32).collect();
-        let batch = BatchRows {
+        let batch = Batch {
             actions,
             ..batch_of(&self::agent(tiny(), &bandit::interface()), 4)
         };

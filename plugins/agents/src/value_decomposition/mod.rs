@@ -8,7 +8,7 @@
 //!   1993; with deep networks V. Mnih and others, Nature 518 (2015) 529.
 //!
 //! | paper | here | shape |
-//! | tau_a | `observation` of seat a, and the index of the seat (one entry per seat) | `[batch n, n_observed + n]` |
+//! |---|---|---|
 //! | tau_a | `observation` of seat a, and which seat it is (one entry each) | `[batch n, n_observed + n]` |
 //! | Q_a(tau_a, u_a) | `seat` network, one for all seats | `[batch n, n_choices]` |
 //! | s | `state`, for QMIX alone | `[batch, n_state]` |
@@ -44,34 +44,31 @@
 
 mod config;
 mod mixer;
+mod team;
 #[cfg(test)]
 mod tests;
 
 pub use config::{Config, ValueMixing};
 pub use mixer::MonotonicMixer;
 
+use team::Team;
+
 use crate::shared::{
+    batch::BatchInputs,
+    bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
-    choice_seat::ChoiceSeat,
-    joint::columns,
-    replay::{Batch, Replay},
-    scaling::Scaling,
+    replay::Replay,
     schedule::UpdateSchedule,
-    seat::{mismatch, named, observed},
-    targets::{bootstrapped, half_squared_error, mean},
 };
-use burn::{module::Module, tensor::Tensor};
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
 use numerics::{
-    network::{Mlp, matrix, values},
-    optimizer::{Adam, TrainedNetwork},
-    parameters::{restore, soft_update, store},
-    policy_file::{self, Head, Policy, Ports},
-    tensor_file::TensorFile,
+    equations::network::Network,
+    policy_file::{Head, Policy},
 };
+use plan::{Descent, Equations, Expression, Plans, State};
 use rand::Rng as _;
 use std::path::Path;
 
@@ -81,31 +78,29 @@ const NAME: &str = "value_decomposition";
 #[derive(Debug, Clone)]
 pub struct ValueDecomposition {
     config: Config,
-    team: Team,
-    networks: TrainedNetwork<Networks>,
-    target: Networks,
+    learner: Learner,
+    state: State<f32>,
+    acting: Plans,
+    learning: Plans,
     replay: Replay,
     schedule: UpdateSchedule,
 }
 
-/// Networks that are trained jointly.
-#[derive(Module, Debug, Default)]
-struct Networks {
-    seat: Mlp,
-    /// Mixing network; `None` without mixing and for a sum.
-    mixer: Option<MonotonicMixer>,
+/// Seats and networks, and the equations by which they choose and learn.
+#[derive(Debug, Clone)]
+struct Learner {
+    team: Team,
+    mixing: ValueMixing,
+    networks: Networks,
+    target: Networks,
 }
 
-/// Seats with equal spaces of observations and choices.
+/// Networks that are trained jointly.
 #[derive(Debug, Clone)]
-struct Team {
-    n_seats: usize,
-    n_choices: usize,
-    /// Names of the seats, and the encoding of their choices.
-    seats: Vec<(String, ChoiceSeat)>,
-    observation: Scaling,
-    /// Scaling of the full state where it is read, else of no channels.
-    state: Scaling,
+struct Networks {
+    seat: Network,
+    /// Mixing network; `None` without mixing and for a sum.
+    mixer: Option<MonotonicMixer>,
 }
 
 /// Registers the agent.
@@ -137,113 +132,111 @@ fn metrics() -> Vec<Metric> {
     ]
 }
 
-impl Team {
-    fn new(config: &Config, interface: &Interface) -> Result<Self, Error> {
-        let Some(first) = interface.seats.first() else {
-            return Err(mismatch(NAME, "the environment has no seats"));
+impl Networks {
+    fn all(&self) -> Vec<&Network> {
+        let mixer = self.mixer.iter().flat_map(MonotonicMixer::networks);
+        std::iter::once(&self.seat).chain(mixer).collect()
+    }
+
+    fn parameters<'e>(&self, equations: &'e Equations) -> Vec<Expression<'e>> {
+        let of_each = self
+            .all()
+            .into_iter()
+            .map(|network| network.parameters(equations));
+        of_each.flatten().collect()
+    }
+
+    /// Copies for the targets.
+    fn target(&self, state: &mut State<f32>) -> Self {
+        let mut copy = |network: &Network| network.copied(format!("target_{}", network.name()), state);
+        Self {
+            seat: copy(&self.seat),
+            mixer: self.mixer.as_ref().map(|mixer| mixer.map(&mut copy)),
+        }
+    }
+}
+
+impl Learner {
+    /// Values of all choices of all seats.
+    fn choose(&self, observations: Expression<'_>) {
+        let equations = observations.equations();
+        equations.routine("choose");
+        equations.output("values", self.team.values(&self.networks.seat, observations));
+    }
+
+    /// One update of the networks, and one move of the targets.
+    fn update(&self, batch: BatchInputs<'_>, config: &Config) {
+        let equations = batch.observations.equations();
+        equations.routine("update");
+        let (value, excess) = self.value(batch);
+        equations.output("value", value.mean());
+        let error = half_squared_error(value, self.target(batch, config.discount));
+        equations.output("value_loss", error);
+        let parameters = self.networks.parameters(equations);
+        let descent = Descent::adam("learning_rate", config.learning_rate, config.gradient_clip);
+        equations.descend(loss(error, excess, config), &parameters, &descent);
+        let targets = self.target.parameters(equations);
+        equations.follow(&targets, &parameters, config.target_smoothing);
+    }
+
+    /// Q_tot of the stored choices, and the excess of all choices' values over theirs.
+    fn value<'e>(&self, batch: BatchInputs<'e>) -> (Expression<'e>, Expression<'e>) {
+        let done = self.of_each_seat(batch.actions);
+        let of_all = self.team.values(&self.networks.seat, batch.observations);
+        let of_done = self.team.of_choices(of_all, done);
+        (
+            self.mixed(&self.networks, of_done, batch.observations),
+            excess(of_all, done),
+        )
+    }
+
+    /// Target of Q_tot, eq. 6.
+    fn target<'e>(&self, batch: BatchInputs<'e>, discount: f64) -> Expression<'e> {
+        let next = batch.next_observations;
+        let best = self.team.values(&self.networks.seat, next).place_of_largest();
+        let of_all = self.team.values(&self.target.seat, next);
+        let value = self.mixed(&self.target, self.team.of_choices(of_all, best), next);
+        let rewards = match self.mixing {
+            ValueMixing::None => batch.rewards,
+            ValueMixing::Sum | ValueMixing::Monotonic => batch.rewards.mean_columns(),
         };
-        let (seen, n_choices) = (
-            observed(NAME, first)?,
-            ChoiceSeat::new(NAME, first)?.names().len(),
-        );
-        let mut seats = Vec::new();
-        for seat in &interface.seats {
-            let options = ChoiceSeat::new(NAME, seat)?;
-            if observed(NAME, seat)?.len() != seen.len() || options.names().len() != n_choices {
-                let (seat, first) = (named(seat), named(first));
-                let problem = format!("one network is for all seats, and {seat} is not as {first}");
-                return Err(mismatch(NAME, problem));
+        bootstrapped(rewards, batch.continues, value, discount)
+    }
+
+    /// Mixed value from the seats' values `[batch, n]` and rows that end with the state.
+    fn mixed<'e>(
+        &self,
+        networks: &Networks,
+        of_seats: Expression<'e>,
+        rows: Expression<'e>,
+    ) -> Expression<'e> {
+        match (self.mixing, &networks.mixer) {
+            (ValueMixing::Sum, _) => of_seats.sum_columns(),
+            (ValueMixing::Monotonic, Some(mixer)) => {
+                mixer.apply(of_seats, rows.columns(self.team.n_observed()..rows.n_columns()))
             }
-            seats.push((seat.name.clone(), options));
+            _ => of_seats,
         }
-        let state = if config.mixing == ValueMixing::Monotonic {
-            &interface.state[..]
-        } else {
-            &[]
-        };
-        if config.mixing == ValueMixing::Monotonic && state.is_empty() {
-            return Err(mismatch(
-                NAME,
-                "`mixing: monotonic` reads the full state, and there is none",
-            ));
-        }
-        Ok(Self {
-            n_seats: seats.len(),
-            n_choices,
-            seats,
-            observation: Scaling::new(config.observation_scaling, seen),
-            state: Scaling::new(config.observation_scaling, state),
-        })
     }
 
-    /// Inputs and outputs of the network as a policy file describes them: an observation and the index of the
-    /// seat, and one value per choice.
-    fn ports(&self) -> Ports {
-        let mut ports = self.observation.ports(self.seats[0].1.names());
-        for (seat, _) in &self.seats {
-            ports.inputs.push(format!("is_{seat}"));
-            ports.center.push(0.0);
-            ports.spread.push(1.0);
-        }
-        ports
+    /// Numbers of the seats `[batch, n]` one below the other, `[batch n, 1]`.
+    fn of_each_seat<'e>(&self, numbers: Expression<'e>) -> Expression<'e> {
+        numbers.reshape([numbers.n_rows() * self.team.n_seats, 1])
     }
+}
 
-    fn n_observed(&self) -> usize {
-        self.n_seats * self.observation.n_channels()
-    }
+/// `ln sum_u exp Q_a(tau_a, u) - Q_a(tau_a, u_a)`, mean over batch and seats, from values of all choices
+/// `[batch n, n_choices]` and the stored choices `[batch n, 1]`.
+fn excess<'e>(of_all: Expression<'e>, done: Expression<'e>) -> Expression<'e> {
+    -of_all.log_softmax().gather(done).mean()
+}
 
-    /// Scaled observations of all seats, one after the other, and the full state where it is read.
-    fn scaled(&self, seen: &Observation) -> Vec<f32> {
-        let seats = seen.seats.iter().flat_map(|seat| self.observation.apply(seat));
-        seats.chain(self.state.apply(&seen.state)).collect()
-    }
-
-    /// A step as the buffer stores it: scaled, with the state as one more seat and choices as indices.
-    ///
-    /// # Errors
-    /// [`Error::Action`] for an action that takes no option.
-    #[allow(clippy::cast_precision_loss, reason = "positions of choices")]
-    fn scaled_step(&self, step: &Transition, reward_scale: f64) -> Result<Transition, Error> {
-        let scaled = |seen: &Observation| Observation {
-            seats: vec![self.scaled(seen).into_iter().map(f64::from).collect()],
-            state: Vec::new(),
-        };
-        let taken = self.seats.iter().zip(&step.action);
-        let taken = taken.map(|((_, seat), action)| Ok(vec![seat.taken(action)? as f64]));
-        Ok(Transition {
-            observation: scaled(&step.observation),
-            action: taken.collect::<Result<_, Error>>()?,
-            rewards: step.rewards.iter().map(|reward| reward * reward_scale).collect(),
-            next_observation: scaled(&step.next_observation),
-            end: step.end,
-        })
-    }
-
-    /// Values Q_a of all choices of all seats, `[batch n, n_choices]`, from rows that begin with the
-    /// observations.
-    fn values(&self, network: &Mlp, rows: &Tensor<2>) -> Tensor<2> {
-        let (batch, n) = (rows.dims()[0], self.n_seats);
-        let seen = columns(rows, 0..self.n_observed()).reshape([batch * n, self.observation.n_channels()]);
-        let which = (0..batch * n * n)
-            .map(|at| f32::from(u8::from(at % n == at / n % n)))
-            .collect();
-        network.forward(Tensor::cat(vec![seen, matrix(which, n)], 1))
-    }
-
-    /// Values `[batch, n]` of one choice per seat.
-    fn of_choices(&self, values: Tensor<2>, chosen: &[usize]) -> Tensor<2> {
-        let is_chosen =
-            |choice: usize| (0..self.n_choices).map(move |other| f32::from(u8::from(other == choice)));
-        let mask = chosen.iter().flat_map(|choice| is_chosen(*choice)).collect();
-        let of_seats = (values * matrix(mask, self.n_choices)).sum_dim(1);
-        of_seats.reshape([chosen.len() / self.n_seats, self.n_seats])
-    }
-
-    /// Choice of each seat with the largest value, the first of equals.
-    fn best(&self, values: &[f32]) -> Vec<usize> {
-        let best =
-            |row: &[f32]| (1..row.len()).fold(0, |best, at| if row[at] > row[best] { at } else { best });
-        values.chunks(self.n_choices).map(best).collect()
+/// Half the squared error and, with conservatism, the weighted excess.
+fn loss<'e>(error: Expression<'e>, excess: Expression<'e>, config: &Config) -> Expression<'e> {
+    if config.conservatism > 0.0 {
+        error + excess * config.conservatism
+    } else {
+        error
     }
 }
 
@@ -252,84 +245,58 @@ impl ValueDecomposition {
         config.check()?;
         let team = Team::new(&config, interface)?;
         let (n, n_state) = (team.n_seats, team.state.n_channels());
+        let mut state = State::default();
         let inputs = team.observation.n_channels() + n;
-        let seat = config.hidden().network(inputs, team.n_choices, 1.0, rng);
+        let seat = config.hidden().network("seat", inputs, team.n_choices);
+        seat.initialise(1.0, &mut state, rng);
         let mixer = (config.mixing == ValueMixing::Monotonic)
-            .then(|| MonotonicMixer::new(n_state, n, config.mixing_width, rng));
+            .then(|| MonotonicMixer::new([n_state, n, config.mixing_width], &mut state, rng));
         let networks = Networks { seat, mixer };
         Ok(Self {
-            target: networks.valid(),
-            networks: TrainedNetwork::new(networks, Adam::new(config.learning_rate, config.gradient_clip)),
             replay: Replay::new(config.replay_capacity, team.n_observed() + n_state, n, n),
+            learner: Learner {
+                team,
+                mixing: config.mixing,
+                target: networks.target(&mut state),
+                networks,
+            },
+            state,
+            acting: Plans::default(),
+            learning: Plans::default(),
             schedule: UpdateSchedule::new(),
-            team,
             config,
         })
     }
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let size = self.config.batch_size.min(self.replay.len());
-        let batch = self.replay.sample_distinct(size, rng);
-        let (value, excess) = self.value(self.networks.network(), &batch);
-        record.mean("value", f64::from(mean(value.clone())));
-        let loss = half_squared_error(value, self.target(&batch));
+        let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
+        let n_rows = config.batch_size.min(self.replay.len());
+        let plan = self.learning.of_rows(n_rows, |equations| {
+            learner.update(BatchInputs::new(equations, n_rows, widths), config);
+        });
+        self.replay.draw_distinct(n_rows, rng).write(plan);
+        plan.run("update", &mut self.state);
+        let step = self.schedule.n_steps();
+        record.mean("value", plan.number("value"));
         record.mean(
             "value_loss",
-            finite("value_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
+            finite("value_loss", step, plan.number("value_loss"))?,
         );
-        record.mean("exploration", self.config.exploration_at(self.schedule.n_steps()));
-        let loss = match excess {
-            None => loss,
-            Some(excess) => loss + excess.mul_scalar(self.config.conservatism),
-        };
-        self.networks.descend(&loss);
-        let target = std::mem::take(&mut self.target);
-        self.target = soft_update(target, self.networks.network(), self.config.target_smoothing);
+        record.mean("exploration", config.exploration_at(step));
         self.schedule.count_update();
         Ok(())
     }
 
-    /// Q_tot of the stored choices and, with conservatism, the excess of all choices' values over theirs.
-    fn value(&self, networks: &Networks, batch: &Batch) -> (Tensor<2>, Option<Tensor<1>>) {
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "positions of choices"
-        )]
-        let done: Vec<usize> = values(batch.actions.clone())
-            .into_iter()
-            .map(|choice| choice as usize)
-            .collect();
-        let of_all = self.team.values(&networks.seat, &batch.observations);
-        let of_done = self.team.of_choices(of_all.clone(), &done);
-        let excess = (self.config.conservatism > 0.0).then(|| excess(of_all, of_done.clone()));
-        (self.mixed(networks, of_done, &batch.observations), excess)
-    }
-
-    /// Target of Q_tot, eq. 6.
-    fn target(&self, batch: &Batch) -> Tensor<2> {
-        let next = &batch.next_observations;
-        let likes = self.team.values(&self.networks.network().seat.valid(), next);
-        let best = self.team.best(&values(likes));
-        let of_all = self.team.values(&self.target.seat, next);
-        let value = self.mixed(&self.target, self.team.of_choices(of_all, &best), next);
-        let rewards = match self.config.mixing {
-            ValueMixing::None => batch.rewards.clone(),
-            ValueMixing::Sum | ValueMixing::Monotonic => batch.rewards.clone().mean_dim(1),
-        };
-        bootstrapped(rewards, batch.continues.clone(), value, self.config.discount)
-    }
-
-    /// Mixed value from the seats' values `[batch, n]` and rows that end with the state.
-    fn mixed(&self, networks: &Networks, of_seats: Tensor<2>, rows: &Tensor<2>) -> Tensor<2> {
-        match (self.config.mixing, &networks.mixer) {
-            (ValueMixing::Sum, _) => of_seats.sum_dim(1),
-            (ValueMixing::Monotonic, Some(mixer)) => {
-                let width = rows.dims()[1];
-                mixer.forward(of_seats, &columns(rows, self.team.n_observed()..width))
-            }
-            _ => of_seats,
-        }
+    /// Values of all choices of all seats, from rows of the seats' scaled observations.
+    fn values(&mut self, rows: &[f32]) -> &[f32] {
+        let (learner, n_observed) = (&self.learner, self.learner.team.n_observed());
+        let n_rows = rows.len() / n_observed;
+        let plan = self.acting.of_rows(n_rows, |equations| {
+            learner.choose(equations.input("observations", [n_rows, n_observed]));
+        });
+        plan.write("observations", rows);
+        plan.run("choose", &mut self.state);
+        plan.entries("values")
     }
 
     /// `choice`, or with the probability of exploration a random one.
@@ -339,26 +306,18 @@ impl ValueDecomposition {
         }
         // `u32`: the width of `usize` depends on the machine and would change the stream.
         #[allow(clippy::cast_possible_truncation, reason = "nobody names 2^32 choices")]
-        let drawn = rng.random_range(0..self.team.n_choices as u32);
+        let drawn = rng.random_range(0..self.learner.team.n_choices as u32);
         drawn as usize
     }
 }
 
-/// `ln sum_u exp Q_a(tau_a, u) - Q_a(tau_a, u_a)`, mean over batch and seats, from values of all choices
-/// `[batch n, n_choices]` and of the stored ones `[batch, n]`.
-fn excess(of_all: Tensor<2>, of_done: Tensor<2>) -> Tensor<1> {
-    // The largest value is subtracted so that no exponential overflows; the result is unchanged.
-    let largest = of_all.clone().max_dim(1).detach();
-    let together = (of_all - largest.clone()).exp().sum_dim(1).log() + largest;
-    together.mean() - of_done.mean()
-}
-
 impl Agent for ValueDecomposition {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
+        let scaling = &self.learner.team.observation;
         let seats = observations.iter().flat_map(|seen| seen.seats.iter());
-        let rows: Vec<f32> = seats.flat_map(|seat| self.team.observation.apply(seat)).collect();
-        let rows = matrix(rows, self.team.n_observed());
-        let values = values(self.team.values(&self.networks.network().seat.valid(), &rows));
+        let rows: Vec<f32> = seats.flat_map(|seat| scaling.apply(seat)).collect();
+        let values = self.values(&rows).to_vec();
+        let team = &self.learner.team;
         if let Some(value) = values.iter().find(|value| !value.is_finite()) {
             return Err(Error::NotFinite {
                 what: "the value of a choice".into(),
@@ -366,18 +325,18 @@ impl Agent for ValueDecomposition {
                 value: f64::from(*value),
             });
         }
-        let mut chosen = self.team.best(&values);
+        let mut chosen = team.best(&values);
         if mode == Mode::Train {
             chosen
                 .iter_mut()
                 .for_each(|choice| *choice = self.explored(*choice, rng));
         }
-        let seats = &self.team.seats;
+        let seats = &team.seats;
         let action = |row: &[usize]| {
             let each = row.iter().zip(seats);
             each.map(|(option, (_, seat))| seat.action(*option)).collect()
         };
-        Ok(chosen.chunks(self.team.n_seats).map(action).collect())
+        Ok(chosen.chunks(team.n_seats).map(action).collect())
     }
 
     fn learn(
@@ -387,8 +346,11 @@ impl Agent for ValueDecomposition {
         record: &mut Recorder,
     ) -> Result<(), Error> {
         for transition in transitions {
-            self.replay
-                .push(&self.team.scaled_step(transition, self.config.reward_scale)?);
+            let step = self
+                .learner
+                .team
+                .scaled_step(transition, self.config.reward_scale)?;
+            self.replay.push(&step);
         }
         let (starts, per_step) = (self.config.learning_starts, self.config.updates_per_step);
         for _ in 0..self.schedule.advance(transitions.len(), starts, per_step) {
@@ -397,54 +359,35 @@ impl Agent for ValueDecomposition {
         Ok(())
     }
 
-    fn updates(&self) -> Option<Updates> {
-        Some(
-            self.schedule
-                .updates(self.config.learning_starts, self.config.updates_per_step),
-        )
-    }
-
     fn reads_state(&self) -> bool {
         self.config.mixing == ValueMixing::Monotonic
     }
 
+    checkpoint::keeps!(NAME);
+
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        for (seat, _) in &self.team.seats {
+        let team = &self.learner.team;
+        for (seat, _) in &team.seats {
             let folder = dir.join(seat);
             std::fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-            Policy::new(&self.networks.network().seat, self.team.ports(), Head::Argmax)
-                .write(&folder)
-                .map_err(checkpoint::error_of(NAME))?;
+            Policy::new(
+                &self.learner.networks.seat,
+                &self.state,
+                team.ports(),
+                Head::Argmax,
+            )
+            .write(&folder)
+            .map_err(checkpoint::error_of(NAME))?;
         }
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        let misfit = checkpoint::error_of(NAME);
-        for (seat, _) in &self.team.seats {
-            let file = checkpoint::read_policy(NAME, &dir.join(seat), &self.team.ports(), Head::Argmax)?;
-            let mut networks = self.networks.network().clone();
-            networks.seat = restore(networks.seat, policy_file::PREFIX, &file).map_err(&misfit)?;
-            self.networks.set_network(networks);
+        let (network, ports) = (&self.learner.networks.seat, self.learner.team.ports());
+        for (seat, _) in &self.learner.team.seats {
+            let folder = dir.join(seat);
+            checkpoint::import_policy(NAME, network, &mut self.state, &folder, &ports, Head::Argmax)?;
         }
         Ok(true)
-    }
-
-    fn save(&self, dir: &Path) -> Result<(), Error> {
-        let mut file = TensorFile::default();
-        self.networks.store("networks", &mut file);
-        store(&self.target, "target", &mut file);
-        self.replay.store(&mut file);
-        checkpoint::write(NAME, dir, file, &self.schedule)
-    }
-
-    fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, schedule) = checkpoint::read(NAME, dir)?;
-        let misfit = checkpoint::error_of(NAME);
-        self.networks.restore("networks", &file).map_err(&misfit)?;
-        self.target = restore(self.target.clone(), "target", &file).map_err(&misfit)?;
-        self.replay.restore(&file).map_err(&misfit)?;
-        self.schedule = schedule;
-        Ok(())
     }
 }

@@ -1,11 +1,13 @@
 //! Tests of the agent as a whole and of its equations.
 
 use super::*;
-use contract::{Channel, End, Seat, Space, random::stream};
-use numerics::{
-    optimizer::gradients,
-    parameters::{parameters, with_parameters},
+use crate::shared::{
+    batch::Batch,
+    gradient_checks::{assert_gradient, outputs},
 };
+use contract::{Channel, End, Seat, Space, random::stream};
+use plan::Processor;
+use std::collections::BTreeMap;
 
 /// The two-step game of Rashid et al. 2018, section 5.1: in the first step the first seat chooses between two
 /// matrix games. In one the team always earns 7; in the other 0, 1, 1 or 8.
@@ -114,8 +116,22 @@ fn agent(config: Config) -> ValueDecomposition {
 fn trained(mixing: ValueMixing) -> (ValueDecomposition, Batch) {
     let mut agent = agent(tiny(mixing));
     two_step::train(&mut agent, 100, &mut stream(&["some"]));
-    let batch = agent.replay.sample_distinct(6, &mut stream(&["batch"]));
+    let batch = agent.replay.draw_distinct(6, &mut stream(&["batch"]));
     (agent, batch)
+}
+
+/// Writes a routine `loss` for a batch of 6.
+fn write<'e>(agent: &ValueDecomposition, equations: &'e Equations) -> BatchInputs<'e> {
+    let batch = BatchInputs::new(equations, 6, agent.replay.widths());
+    equations.routine("loss");
+    batch
+}
+
+/// Bits of parameters and moments by their names.
+fn learned(agent: &ValueDecomposition) -> BTreeMap<&str, Vec<u32>> {
+    let bits = |entries: &[f32]| entries.iter().map(|x| x.to_bits()).collect();
+    let tensors = agent.state.tensors();
+    tensors.map(|(name, _, entries)| (name, bits(entries))).collect()
 }
 
 /// QMIX learns that the second game is worth 8. With all choices equally likely a sum cannot represent this:
@@ -155,7 +171,7 @@ fn options_as_numbers_are_learned_like_options_as_indices() {
                 .act(std::slice::from_ref(&seen), Mode::Train, rng)
                 .unwrap()
                 .remove(0);
-            let seats = agent.team.seats.iter().zip(&action);
+            let seats = agent.learner.team.seats.iter().zip(&action);
             taken.push(
                 seats
                     .map(|((_, seat), one)| seat.taken(one).unwrap())
@@ -177,16 +193,14 @@ fn options_as_numbers_are_learned_like_options_as_indices() {
         }
         state = next;
     }
-    let learned = agents.map(|agent| parameters(&agent.networks.network().seat));
-    assert_eq!(learned[0], learned[1]);
+    assert_eq!(learned(&agents[0]), learned(&agents[1]));
 }
 
 #[test]
 fn a_sum_of_values_is_the_closest_sum() {
     let mut agent = agent(tiny(ValueMixing::Sum));
     two_step::train(&mut agent, 3000, &mut stream(&["sum"]));
-    let rows = matrix([0.0, 0.0, 1.0].repeat(2), 6);
-    let q = values(agent.team.values(&agent.networks.network().seat.valid(), &rows));
+    let q = agent.values(&[0.0, 0.0, 1.0].repeat(2));
     // Single steps of Adam leave some noise; the true values of the game would be 1.5 away.
     let sums = [q[0] + q[2], q[0] + q[3], q[1] + q[2], q[1] + q[3]];
     assert!(
@@ -209,34 +223,31 @@ fn independent_learners_earn_the_safe_game() {
 fn targets_are_of_the_targets_value_of_the_learned_choice() {
     for mixing in [ValueMixing::None, ValueMixing::Sum, ValueMixing::Monotonic] {
         let (agent, batch) = trained(mixing);
-        let (y, r, continues) = (
-            values(agent.target(&batch)),
-            values(batch.rewards.clone()),
-            values(batch.continues.clone()),
-        );
-        let (next, width) = (
-            values(batch.next_observations.clone()),
-            batch.next_observations.dims()[1],
-        );
-        let q = |network: &Mlp, row: &[f32], seat: usize| {
-            let which = if seat == 0 { [1.0, 0.0] } else { [0.0, 1.0] };
-            let input = [&row[3 * seat..3 * seat + 3], &which].concat();
-            values(network.forward(matrix(input, 5)))
-        };
-        for (i, row) in next.chunks(width).enumerate() {
+        let learner = &agent.learner;
+        let [y, likes, of_all] = outputs(["y", "likes", "of_all"], &agent.state, &batch, |equations| {
+            let inputs = write(&agent, equations);
+            equations.output("y", learner.target(inputs, 0.99));
+            let q = |network| learner.team.values(network, inputs.next_observations);
+            equations.output("likes", q(&learner.networks.seat));
+            equations.output("of_all", q(&learner.target.seat));
+        });
+        let (r, continues) = (&batch.rewards, &batch.continues);
+        let width = batch.next_observations.len() / 6;
+        let row = |i: usize| &batch.next_observations[width * i..width * (i + 1)];
+        for i in 0..6 {
             let best = [0, 1].map(|seat| {
-                let likes = q(&agent.networks.network().seat.valid(), row, seat);
-                q(&agent.target.seat, row, seat)[usize::from(likes[1] > likes[0])]
+                let at = 4 * i + 2 * seat;
+                of_all[at + usize::from(likes[at + 1] > likes[at])]
             });
-            let expected: Vec<f32> = match (mixing, &agent.target.mixer) {
+            let expected: Vec<f32> = match (mixing, &learner.target.mixer) {
                 (ValueMixing::None, _) => vec![
                     r[2 * i] + 0.99 * continues[i] * best[0],
                     r[2 * i + 1] + 0.99 * continues[i] * best[1],
                 ],
                 (ValueMixing::Sum, _) => vec![r[2 * i] + 0.99 * continues[i] * (best[0] + best[1])],
                 (ValueMixing::Monotonic, Some(mixer)) => {
-                    let mixed = mixer.forward(matrix(best.to_vec(), 2), &matrix(row[6..].to_vec(), 3));
-                    vec![r[2 * i] + 0.99 * continues[i] * values(mixed)[0]]
+                    let mixed = mixed_alone(mixer, &agent.state, best, &row(i)[6..]);
+                    vec![r[2 * i] + 0.99 * continues[i] * mixed]
                 }
                 _ => unreachable!("a monotonic mixture has a mixer"),
             };
@@ -252,51 +263,66 @@ fn targets_are_of_the_targets_value_of_the_learned_choice() {
     }
 }
 
+/// Mixed value of two seats' values and a state.
+fn mixed_alone(mixer: &MonotonicMixer, state: &State<f32>, values: [f32; 2], full_state: &[f32]) -> f32 {
+    let equations = Equations::new();
+    let row = |entries: &[f32]| {
+        let entries: Vec<f64> = entries.iter().map(|entry| f64::from(*entry)).collect();
+        equations.constant([1, entries.len()], &entries)
+    };
+    equations.routine("mix");
+    equations.output("mixed", mixer.apply(row(&values), row(full_state)));
+    let mut processor = Processor::<f32>::new(equations.into_graph());
+    processor.run("mix", &mut state.clone());
+    processor.entries("mixed")[0]
+}
+
+/// The steps are so small that none crosses a kink of the activations or changes the choices of the target.
 #[test]
 fn gradients_of_the_loss_agree_with_finite_differences() {
     for mixing in [ValueMixing::None, ValueMixing::Sum, ValueMixing::Monotonic] {
-        let (mut agent, batch) = trained(mixing);
-        assert!(agent.value(agent.networks.network(), &batch).1.is_none());
-        agent.config.conservatism = 0.7;
-        let target = agent.target(&batch);
-        let loss = |networks: &Networks| {
-            let (value, excess) = agent.value(networks, &batch);
-            half_squared_error(value, target.clone()) + excess.unwrap().mul_scalar(agent.config.conservatism)
+        let (agent, batch) = trained(mixing);
+        let learner = &agent.learner;
+        let losses = |config: &Config| {
+            outputs(["error", "loss"], &agent.state, &batch, |equations| {
+                let inputs = write(&agent, equations);
+                let (value, excess) = learner.value(inputs);
+                let error = half_squared_error(value, learner.target(inputs, config.discount));
+                equations.output("error", error);
+                // An output has one name.
+                equations.output("loss", loss(error, excess, config) * 1.0);
+            })
         };
-        let network = agent.networks.network();
-        let analytic = gradients(network, &mut loss(network).backward());
-        let numbers = parameters(network);
-        let largest = analytic
-            .concat()
-            .iter()
-            .fold(0.0f32, |largest, g| largest.max(g.abs()));
-        for (p, parameter) in numbers.iter().enumerate() {
-            for i in (0..parameter.values.len()).step_by(7) {
-                let at = |step: f32| {
-                    let mut moved = numbers.clone();
-                    moved[p].values[i] += step;
-                    values(loss(&with_parameters(network.clone(), &moved).unwrap()))[0]
-                };
-                let difference = (at(2e-3) - at(-2e-3)) / 4e-3;
-                let gradient = analytic[p][i];
-                // Some steps cross kinks of the activations.
-                assert!(
-                    (difference - gradient).abs() < 0.04 * largest.max(0.05),
-                    "{mixing:?} {} {i}: {difference} {gradient} of {largest}",
-                    parameter.name
-                );
-            }
-        }
+        let conservative = Config {
+            conservatism: 0.7,
+            ..tiny(mixing)
+        };
+        let [error, whole] = losses(&agent.config);
+        assert_eq!(error, whole);
+        let [error, whole] = losses(&conservative);
+        assert!(whole > error);
+        assert_gradient(&learner.networks.all(), &agent.state, &batch, |equations| {
+            let inputs = write(&agent, equations);
+            let (value, excess) = learner.value(inputs);
+            let error = half_squared_error(value, learner.target(inputs, 0.99));
+            equations.output("loss", loss(error, excess, &conservative));
+        });
     }
 }
 
 #[test]
 fn the_excess_by_hand() {
+    let equations = Equations::new();
+    equations.routine("excess");
     // For two seats: ln(1 + 3) - 0 and ln(1 + 1) - 0, independent of a constant added to both values of a
     // seat.
-    let of_all = || Tensor::from_inner(matrix(vec![0.0, 3f32.ln(), 90.0, 90.0], 2));
-    let found = values(excess(of_all(), Tensor::from_inner(matrix(vec![0.0, 90.0], 2))))[0];
-    assert!((found - (4f32.ln() + 2f32.ln()) / 2.0).abs() < 1e-5, "{found}");
+    let of_all = equations.constant([2, 2], &[0.0, 3f64.ln(), 90.0, 90.0]);
+    let done = equations.constant([2, 1], &[0.0, 1.0]);
+    equations.output("excess", excess(of_all, done));
+    let mut processor = Processor::<f32>::new(equations.into_graph());
+    processor.run("excess", &mut State::default());
+    let found = processor.number("excess");
+    assert!((found - (4f64.ln() + 2f64.ln()) / 2.0).abs() < 1e-5, "{found}");
 }
 
 /// Choices outside the data are not valued above those in the data, even where these earned little.
@@ -321,11 +347,7 @@ fn choices_outside_the_data_are_held_down() {
         let seen = two_step::observation(0).seats.concat();
         #[allow(clippy::cast_possible_truncation, reason = "noughts and ones")]
         let row: Vec<f32> = seen.iter().map(|entry| *entry as f32).collect();
-        let q = values(
-            agent
-                .team
-                .values(&agent.networks.network().seat.valid(), &matrix(row, 6)),
-        );
+        let q = agent.values(&row);
         [q[0] - q[1], q[2] - q[3]]
     };
     assert!(lead(5.0).iter().all(|lead| *lead > 1.0), "{:?}", lead(5.0));
@@ -378,14 +400,7 @@ fn a_saved_agent_continues() {
             two_step::train(&mut two, 20, &mut second),
         );
         assert_eq!(format!("{:?}", records.0), format!("{:?}", records.1));
-        let bits = |agent: &ValueDecomposition| {
-            parameters(agent.networks.network())
-                .iter()
-                .flat_map(|p| p.values.clone())
-                .map(f32::to_bits)
-                .collect::<Vec<_>>()
-        };
-        assert_eq!(bits(&one), bits(&two));
+        assert_eq!(learned(&one), learned(&two));
         assert!(matches!(
             two.load(&dir.path().join("nowhere")),
             Err(Error::File { .. })

@@ -6,7 +6,7 @@ use super::*;
 const VALUES: &str = include_str!("../../fixtures/values.txt");
 
 /// Largest errors that the modules state, in units in the last place.
-const STATED: [(&str, f64); 12] = [
+const STATED: [(&str, f64); 13] = [
     ("exp", 0.85),
     ("exp_m1", 1.5),
     ("ln", 0.8),
@@ -19,15 +19,17 @@ const STATED: [(&str, f64); 12] = [
     ("digamma", 4.0),
     ("trigamma", 4.0),
     ("normal", 6.0),
+    ("cdf", 6.6),
 ];
 
 #[test]
 fn double_functions_are_within_the_stated_errors() {
     let mut n_values = 0;
     for (name, [x, y, high, low]) in VALUES.lines().filter_map(errors::parse) {
-        let got = match DOUBLE.iter().find(|function| function.0 == name) {
-            Some((_, function, _)) => function(x, y),
-            None => normal(x.to_bits()),
+        let got = match (name, DOUBLE.iter().find(|function| function.0 == name)) {
+            (_, Some((_, function, _))) => function(x, y),
+            ("cdf", None) => normal::cdf(x),
+            _ => normal(x.to_bits()),
         };
         let stated = STATED
             .iter()
@@ -137,6 +139,20 @@ fn special_values_of_double_functions() {
     bits(trigonometry::sin(trigonometry::HALF_PI_HIGH), 1.0);
 }
 
+#[test]
+fn special_values_of_the_normal_distribution() {
+    let bits = |x: f64, y: f64| assert_eq!(x.to_bits(), y.to_bits(), "{x} and {y}");
+    const INFINITY: f64 = f64::INFINITY;
+    for (x, probability) in [(-INFINITY, 0.0), (0.0, 0.5), (INFINITY, 1.0)] {
+        bits(normal::cdf(x), probability);
+        bits(normal::quantile(probability), x);
+    }
+    bits(normal::cdf(-f64::NAN), double::NAN);
+    for outside in [-0.1, 1.1, -f64::NAN] {
+        bits(normal::quantile(outside), double::NAN);
+    }
+}
+
 /// Tests the special cases of IEEE 754, as the C library has them.
 #[test]
 fn powers_of_special_numbers_are_those_of_the_c_library() {
@@ -238,6 +254,15 @@ proptest! {
         prop_assert!(close(ln_gamma.1, ln_gamma.0 + double::ln(x), ln_gamma.0));
         prop_assert!(close(digamma.1, digamma.0 + 1.0 / x, 1.0 / x + double::ln(x)));
         prop_assert!(close(trigamma.1, trigamma.0 - 1.0 / (x * x), trigamma.0));
+    }
+
+    #[test]
+    fn normal_quantiles_and_probabilities_are_inverse(exponent in -300.0..-0.31_f64) {
+        let tail = power::pow(10.0, exponent);
+        let x = normal::quantile(tail);
+        // The relative slope of a tail at x is about |x|.
+        prop_assert!((normal::cdf(x) / tail - 1.0).abs() < 2e-15 * (1.0 + x * x));
+        prop_assert!((normal::quantile(1.0 - tail) + x).abs() < 1e-15 * (1.0 + x * x) || tail < 1e-3);
     }
 
     #[test]

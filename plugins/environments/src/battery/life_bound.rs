@@ -34,6 +34,7 @@ use super::model::{resting_energy, resting_voltage};
 use super::parameters::{CellParameters, MOLE_FRACTION_N_MAX, TIME_OHMIC_S};
 use super::start::Start;
 use crate::simplex::SUM_TOLERANCE;
+use arithmetic::power::pow;
 
 /// Number of charges at which the fatal power of a cell is computed.
 const GRID: usize = 128;
@@ -151,7 +152,8 @@ impl LifeBound {
         let conductance: f64 = filled
             .iter()
             .zip(&self.cells)
-            .map(|(x, cell)| resting_voltage(*x).powi(2) / cell.r_ohm())
+            .map(|(x, cell)| (resting_voltage(*x), cell))
+            .map(|(voltage, cell)| voltage * voltage / cell.r_ohm())
             .sum();
         let (mut recent_w, mut survived) = (0.0, 0);
         for demand_w in demands_w {
@@ -323,7 +325,7 @@ impl OhmicMemory {
     /// taken as 0, which is a lower bound.
     fn new(decisions: Decisions) -> Self {
         let (steps, settling) = (decisions.steps as f64, decisions.step_s / TIME_OHMIC_S);
-        let kept = (1.0 - settling).powf(steps);
+        let kept = pow(1.0 - settling, steps);
         let carried = (1.0 - kept) / settling;
         let own = steps - carried;
         let is_convex = own * (1.0 + kept) >= carried * (1.0 - kept);

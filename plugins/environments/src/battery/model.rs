@@ -23,6 +23,7 @@ use super::parameters::{
     REFERENCE_P_V, SURFACE_AREA_N, SURFACE_AREA_P, SURFACE_FRACTION, TIME_OHMIC_S, TIME_SURFACE_N_S,
     TIME_SURFACE_P_S, TIME_THERMAL_S, TRANSFER_COEFFICIENT, VOLUME,
 };
+use arithmetic::{double::ln, power::powi};
 use serde::{Deserialize, Serialize};
 
 /// Volume of the surface layer of an electrode, m3.
@@ -209,7 +210,7 @@ impl Model {
     #[must_use]
     pub fn open_circuit_voltage(&self, state: &State) -> f64 {
         let (x_n, x_p) = self.surface_fractions(state);
-        let nernst = (GAS_PER_FARADAY * state.temperature_k) * ((1.0 - x_p) * x_n / (x_p * (1.0 - x_n))).ln();
+        let nernst = (GAS_PER_FARADAY * state.temperature_k) * ln((1.0 - x_p) * x_n / (x_p * (1.0 - x_n)));
         let activity = polynomial(&POLYNOMIAL_P, 2.0 * x_p - 1.0) - SLOPE_N * (2.0 * x_n - 1.0);
         (REFERENCE_P_V - REFERENCE_N_V) + nernst + activity
     }
@@ -256,7 +257,7 @@ impl Model {
 /// Lithium is conserved, so the positive electrode then has `1 - x_n`.
 #[must_use]
 pub fn resting_voltage(x_n: f64) -> f64 {
-    let nernst = GAS_PER_FARADAY * AMBIENT_K * 2.0 * (x_n / (1.0 - x_n)).ln();
+    let nernst = GAS_PER_FARADAY * AMBIENT_K * 2.0 * ln(x_n / (1.0 - x_n));
     (REFERENCE_P_V - REFERENCE_N_V) + nernst + polynomial(&POLYNOMIAL_P, 1.0 - 2.0 * x_n)
         - SLOPE_N * (2.0 * x_n - 1.0)
 }
@@ -264,11 +265,11 @@ pub fn resting_voltage(x_n: f64) -> f64 {
 /// The integral of [`resting_voltage`] from 0 to `x_n`: energy per coulomb of both electrodes together, V.
 #[must_use]
 pub fn resting_energy(x_n: f64) -> f64 {
-    let nernst = GAS_PER_FARADAY * AMBIENT_K * 2.0 * (x_n * x_n.ln() + (1.0 - x_n) * (1.0 - x_n).ln());
+    let nernst = GAS_PER_FARADAY * AMBIENT_K * 2.0 * (x_n * ln(x_n) + (1.0 - x_n) * ln(1.0 - x_n));
     let powers = |y: f64| {
         (0..)
             .zip(POLYNOMIAL_P)
-            .map(|(k, volts)| volts * y.powi(k + 1) / f64::from(k + 1))
+            .map(|(k, volts)| volts * powi(y, k + 1) / f64::from(k + 1))
             .sum::<f64>()
     };
     let activity = 0.5 * (powers(1.0) - powers(1.0 - 2.0 * x_n));
@@ -299,7 +300,7 @@ fn asinh(z: f64) -> f64 {
     }
     // The logarithm of a sum of positive terms loses no digits; a negative z would give a difference, which
     // loses them.
-    (z.abs() + (square + 1.0).sqrt()).ln().copysign(z)
+    ln(z.abs() + (square + 1.0).sqrt()).copysign(z)
 }
 
 /// A polynomial of degree 13 as four interleaved Horner schemes, which a processor computes in parallel.

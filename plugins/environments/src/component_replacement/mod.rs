@@ -31,6 +31,7 @@ pub mod bound;
 pub mod components;
 
 use crate::choices;
+use arithmetic::power::powi;
 use bound::{Problem, least_cost};
 use components::{Component, FAILED, N_COMPONENTS, N_STATES, worn};
 use contract::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
@@ -277,7 +278,7 @@ impl ComponentReplacement {
             clippy::cast_possible_wrap,
             reason = "at most 1000 steps"
         )]
-        let discount = self.config.discount.powi(self.progress.step as i32);
+        let discount = powi(self.config.discount, self.progress.step as i32);
         let costs = self.costs(treatments).map(|cost| discount * cost);
         for (component, treatment) in treatments.iter().enumerate() {
             let (next, reading) = draw(component, *treatment);

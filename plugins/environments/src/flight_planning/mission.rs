@@ -17,6 +17,10 @@
 //! one airspeed and one height; the climb to it is flown along the way, and its energy is spread over the leg.
 
 use super::power::{climb_j, level_w};
+use arithmetic::{
+    power::pow,
+    trigonometry::{cos, sin},
+};
 use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -177,7 +181,7 @@ impl Mission {
     /// Mean wind at a height, m/s.
     #[must_use]
     pub fn wind_at(&self, height_m: f64) -> f64 {
-        self.wind_m_per_s * (height_m / WIND_HEIGHT_M).powf(WIND_EXPONENT)
+        self.wind_m_per_s * pow(height_m / WIND_HEIGHT_M, WIND_EXPONENT)
     }
 
     /// Wind along a leg (positive from behind) and across it, m/s, at `strength` times the mean wind.
@@ -185,7 +189,7 @@ impl Mission {
     pub fn wind_on(&self, leg: &Leg, height_m: f64, strength: f64) -> (f64, f64) {
         let angle = (self.wind_from_deg + 180.0 - leg.heading_deg).to_radians();
         let wind = strength * self.wind_at(height_m);
-        (wind * angle.cos(), wind * angle.sin())
+        (wind * cos(angle), wind * sin(angle))
     }
 
     /// Power and duration of the fraction `share` of a leg, which begins with the climb from `from_m`.
@@ -195,7 +199,10 @@ impl Mission {
         let (along, across) = self.wind_on(leg, height_m, strength);
         let (air, ground) = match speed {
             Speed::Air(air) => (air, along + (air * air - across * across).sqrt()),
-            Speed::Ground(ground) => ((ground - along).hypot(across), ground),
+            Speed::Ground(ground) => {
+                let relative = ground - along;
+                ((relative * relative + across * across).sqrt(), ground)
+            }
         };
         let duration_s = share * leg.length_m / ground;
         let climb_w = climb_j(height_m - from_m) / duration_s;

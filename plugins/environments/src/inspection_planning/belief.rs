@@ -21,8 +21,8 @@
 use super::crack_growth::{
     Belief, CrackGrowth, N_BINS, detection, edges_mm, first_size_cdf, first_sizes, masses,
 };
+use arithmetic::normal::{cdf, quantile};
 use serde::{Deserialize, Serialize};
-use statistics::normal::{cdf, quantile};
 use std::sync::{Arc, OnceLock};
 
 /// Levels of the common factor.

@@ -24,6 +24,8 @@
 //! Ernst, "IMP-MARL: a suite of environments for large-scale infrastructure management planning via MARL",
 //! NeurIPS 2023.
 
+use arithmetic::double::{exp, exp_m1, ln};
+use arithmetic::power::pow;
 use contract::{DataFile, Error};
 use serde::Deserialize;
 use std::{
@@ -195,12 +197,12 @@ fn wrong(file: &DataFile, row: Option<usize>, problem: String) -> Error {
 /// last bin is open.
 #[must_use]
 pub fn edges_mm() -> [f64; N_BINS] {
-    let (low, high) = (SMALLEST_EDGE_MM.ln(), CRITICAL_SIZE_MM.ln());
+    let (low, high) = (ln(SMALLEST_EDGE_MM), ln(CRITICAL_SIZE_MM));
     std::array::from_fn(|at| match at {
         0 => 0.0,
         FAILED => CRITICAL_SIZE_MM,
         #[allow(clippy::cast_precision_loss, reason = "a number of bins")]
-        _ => (low + (at - 1) as f64 * (high - low) / 28.0).exp(),
+        _ => exp(low + (at - 1) as f64 * (high - low) / 28.0),
     })
 }
 
@@ -212,14 +214,14 @@ pub fn detection() -> Belief {
         let center = edges
             .get(bin + 1)
             .map_or(FAILED_SIZE_MM, |next| f64::midpoint(edges[bin], *next));
-        -(-center / DETECTABLE_SIZE_MM).exp_m1()
+        -exp_m1(-center / DETECTABLE_SIZE_MM)
     })
 }
 
 /// Probability of an initial size of at most `size_mm`.
 #[must_use]
 pub fn first_size_cdf(size_mm: f64) -> f64 {
-    -(-size_mm / FIRST_SIZE_MM).exp_m1()
+    -exp_m1(-size_mm / FIRST_SIZE_MM)
 }
 
 /// Masses of the initial sizes in the bins.
@@ -254,9 +256,9 @@ fn growth_factors() -> impl Iterator<Item = (f64, f64)> {
     let normals = || (-REACH..=REACH).map(|step| f64::from(step) * STEP);
     let of = |x: f64, y: f64| {
         let stress = STRESS_MEAN_MPA + STRESS_SD_MPA * y;
-        let c = (LN_C_MEAN + LN_C_SD * x).exp();
-        let k = c * (PI.sqrt() * stress).powf(PARIS_EXPONENT) * CYCLES_PER_YEAR;
-        let density = (-0.5 * (x * x + y * y)).exp() / (2.0 * PI);
+        let c = exp(LN_C_MEAN + LN_C_SD * x);
+        let k = c * pow(PI.sqrt() * stress, PARIS_EXPONENT) * CYCLES_PER_YEAR;
+        let density = exp(-0.5 * (x * x + y * y)) / (2.0 * PI);
         (exponent() * k, density * STEP * STEP)
     };
     normals().flat_map(move |x| normals().map(move |y| of(x, y)))
@@ -274,12 +276,12 @@ fn pulled_back(growth: f64, years: usize) -> Belief {
     let p = exponent();
     let first_size = |edge: f64| {
         if edge > 0.0 {
-            (edge.powf(-p) + grown).powf(-1.0 / p)
+            pow(pow(edge, -p) + grown, -1.0 / p)
         } else {
             0.0
         }
     };
-    edges_mm().map(|edge| (-first_size(edge) / FIRST_SIZE_MM).exp())
+    edges_mm().map(|edge| exp(-first_size(edge) / FIRST_SIZE_MM))
 }
 
 /// Adds the mass of every present bin `j` within every bin `k` of the next year; both are intervals of initial
@@ -310,9 +312,9 @@ fn conditional(joint: &[Belief; N_BINS]) -> Vec<Vec<(usize, f64)>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use arithmetic::draws::normal;
     use contract::random::stream;
     use rand::Rng as _;
-    use rand_distr::{Distribution, Normal};
     use std::io::Write as _;
 
     fn published() -> Arc<CrackGrowth> {
@@ -395,15 +397,12 @@ mod tests {
     #[test]
     fn integrated_samples_fail_as_often_as_the_table_says() {
         let mut rng = stream(&["cracks"]);
-        let (ln_c, stress) = (
-            Normal::new(LN_C_MEAN, LN_C_SD).unwrap(),
-            Normal::new(STRESS_MEAN_MPA, STRESS_SD_MPA).unwrap(),
-        );
         let (samples, years, steps) = (20_000, 20, 20);
         let mut failed = 0;
         for _ in 0..samples {
             let mut size = -(1.0 - rng.random::<f64>()).ln();
-            let (c, range) = (ln_c.sample(&mut rng).exp(), stress.sample(&mut rng));
+            let c = (LN_C_MEAN + LN_C_SD * normal(rng.random())).exp();
+            let range = STRESS_MEAN_MPA + STRESS_SD_MPA * normal(rng.random());
             for _ in 0..years * steps {
                 // A step of Heun's method, in the logarithm of the size.
                 let speed = |size: f64| {

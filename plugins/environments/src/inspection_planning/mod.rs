@@ -37,6 +37,7 @@ pub mod crack_growth;
 pub use config::{Growth, InspectionPlanningConfig};
 
 use crate::choices;
+use arithmetic::power::powi;
 use belief::{Beliefs, Model, Treatment, system_failure};
 use contract::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step};
 use crack_growth::{Belief, FAILED};
@@ -119,7 +120,7 @@ impl InspectionPlanning {
             clippy::cast_possible_wrap,
             reason = "at most 30 steps"
         )]
-        let discount = self.config.discount.powi(self.progress.step as i32);
+        let discount = powi(self.config.discount, self.progress.step as i32);
         self.progress.step += 1;
         let end = self.progress.step >= self.config.horizon;
         let reward = -discount * costs.sum();

@@ -13,6 +13,7 @@ use super::{
     scenario::{MetricValues, Scenario, metrics, pair, surroundings, surroundings_channels},
     world::{Body, World},
 };
+use arithmetic::double::exp;
 use contract::{Channel, Metric, PerEpisode};
 
 const PREDATORS: usize = 3;
@@ -72,7 +73,7 @@ fn leaving(x: f64) -> f64 {
     match x {
         x if x < 0.9 => 0.0,
         x if x < 1.0 => (x - 0.9) * 10.0,
-        x => (2.0 * x - 2.0).exp().min(10.0),
+        x => exp(2.0 * x - 2.0).min(10.0),
     }
 }
 

@@ -6,6 +6,7 @@
 //! from the positions before the step.
 
 use super::rules::{Integration, Rules};
+use arithmetic::double::{exp, ln_1p};
 use serde::{Deserialize, Serialize};
 
 /// Length of a step.
@@ -189,7 +190,7 @@ fn contact(apart: Vector, reach: f64) -> Vector {
 
 /// ln(1 + exp(x)) for any x.
 fn softplus(x: f64) -> f64 {
-    x.max(0.0) + (-x.abs()).exp().ln_1p()
+    x.max(0.0) + ln_1p(exp(-x.abs()))
 }
 
 fn move_body(motion: &mut Motion, force: Vector, top_speed: Option<f64>, integration: Integration) {

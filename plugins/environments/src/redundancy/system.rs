@@ -12,6 +12,8 @@
 //! | n_ij | number of such components |
 //! | R_i, R | `reliability` of a [`Part`], of a [`Total`] |
 
+use arithmetic::double::ln;
+
 /// A type of component.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Component {
@@ -209,7 +211,7 @@ impl Total {
     #[allow(clippy::cast_precision_loss, reason = "costs and weights are far below 2^52")]
     pub fn score(&self, budget: Budget) -> f64 {
         if self.is_within(budget) {
-            return -(1.0 - self.reliability).ln();
+            return -ln(1.0 - self.reliability);
         }
         let beyond = |spent: usize, limit: usize| spent.saturating_sub(limit) as f64 / limit as f64;
         -(beyond(self.cost, budget.cost) + beyond(self.weight, budget.weight))

@@ -4,6 +4,7 @@
 //! geopotential one, as in engine programs. A warmer or colder day changes only the temperature.
 
 use super::gas::{GAS_CONSTANT, enthalpy, entropy_function, heat_capacity, temperature_of_enthalpy};
+use arithmetic::{double::exp, power::pow};
 use serde::{Deserialize, Serialize};
 
 /// Temperature (K) and pressure (Pa) at sea level on a standard day.
@@ -47,7 +48,7 @@ impl Air {
         Self {
             pressure,
             total_temperature,
-            total_pressure: pressure * (rise / GAS_CONSTANT).exp(),
+            total_pressure: pressure * exp(rise / GAS_CONSTANT),
             speed,
             mach,
             altitude_m,
@@ -83,7 +84,7 @@ fn standard(altitude_m: f64) -> (f64, f64) {
     let gradient = GRAVITY / STANDARD_GAS_CONSTANT;
     let below = altitude_m.min(TROPOPAUSE_M);
     let temperature = SEA_LEVEL.0 - LAPSE_K_PER_M * below;
-    let pressure = SEA_LEVEL.1 * (temperature / SEA_LEVEL.0).powf(gradient / LAPSE_K_PER_M);
+    let pressure = SEA_LEVEL.1 * pow(temperature / SEA_LEVEL.0, gradient / LAPSE_K_PER_M);
     let above = (altitude_m - TROPOPAUSE_M).max(0.0);
-    (temperature, pressure * (-gradient * above / temperature).exp())
+    (temperature, pressure * exp(-gradient * above / temperature))
 }

@@ -5,10 +5,10 @@
 
 use super::atmosphere::SEA_LEVEL;
 use super::gas::{
-    GAS_CONSTANT, Number, enthalpy, entropy_function, sonic_temperature, temperature_after,
-    temperature_of_enthalpy,
+    GAS_CONSTANT, enthalpy, entropy_function, sonic_temperature, temperature_after, temperature_of_enthalpy,
 };
 use super::map::{CompressorShape, TurbineShape};
+use super::number::{Number, exp, ln};
 
 /// Gas at a station.
 #[derive(Debug, Clone, Copy)]
@@ -136,7 +136,7 @@ impl Compressor {
         let corrected_speed = speed * self.root_theta / inlet.root_theta();
         let on_map = self.shape.at(corrected_speed, line);
         let ratio = on_map.pressure_rise * self.pressure_rise + 1.0;
-        let change = ratio.ln() * GAS_CONSTANT / (on_map.efficiency * self.efficiency);
+        let change = ln(ratio) * GAS_CONSTANT / (on_map.efficiency * self.efficiency);
         let unworn = temperature_after(inlet.temperature, inlet.fuel_fraction, change);
         let pressure = inlet.pressure * ratio;
         let unworn = Flow::at(inlet.mass_flow, inlet.fuel_fraction, unworn, pressure);
@@ -200,7 +200,7 @@ impl Turbine {
         let relative_ratio = pressure_ratio / self.pressure_ratio;
         let efficiency = self.shape.efficiency(corrected_speed, relative_ratio) * self.efficiency;
         let efficiency = efficiency * (health.0 + 1.0);
-        let change = -pressure_ratio.ln() * GAS_CONSTANT;
+        let change = -ln(pressure_ratio) * GAS_CONSTANT;
         let work = |flow: &Flow<T>| {
             let ideal = temperature_after(flow.temperature, flow.fuel_fraction, change);
             flow.mass_flow * (flow.enthalpy - enthalpy(ideal, flow.fuel_fraction)) * efficiency
@@ -244,11 +244,11 @@ impl<T: Number> Throat<T> {
         let fuel = flow.fuel_fraction;
         let sonic = sonic_temperature(flow.temperature, fuel);
         let fall = entropy_function(sonic, fuel) - entropy_function(flow.temperature, fuel);
-        let sonic_pressure = flow.pressure * (fall / GAS_CONSTANT).exp();
+        let sonic_pressure = flow.pressure * exp(fall / GAS_CONSTANT);
         let (temperature, pressure) = if sonic_pressure.re() >= ambient {
             (sonic, sonic_pressure)
         } else {
-            let change = (T::from(ambient) / flow.pressure).ln() * GAS_CONSTANT;
+            let change = ln(T::from(ambient) / flow.pressure) * GAS_CONSTANT;
             (
                 temperature_after(flow.temperature, fuel, change),
                 T::from(ambient),

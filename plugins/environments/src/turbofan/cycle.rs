@@ -15,7 +15,7 @@
 use super::atmosphere::Air;
 use super::component::{Compressor, Flow, Throat, Turbine, burn};
 use super::engine::Design;
-use super::gas::Number;
+use super::number::Number;
 use serde::{Deserialize, Serialize};
 
 /// Number of unknowns.

@@ -7,6 +7,7 @@ use super::cycle::{Engine, N};
 use super::engine::Design;
 use super::gas::{GAS_CONSTANT, enthalpy, entropy_function, temperature_after, temperature_of_enthalpy};
 use super::map::{CompressorShape, TurbineShape};
+use arithmetic::double::{exp, ln};
 
 impl Engine {
     /// The engine of a design.
@@ -85,11 +86,11 @@ fn compressor(
     inlet: Flow<f64>,
     (ratio, efficiency): (f64, f64),
 ) -> (Compressor, Flow<f64>) {
-    let ideal = temperature_after(inlet.temperature, 0.0, GAS_CONSTANT * ratio.ln());
+    let ideal = temperature_after(inlet.temperature, 0.0, GAS_CONSTANT * ln(ratio));
     let outlet = inlet.enthalpy + (enthalpy(ideal, 0.0) - inlet.enthalpy) / efficiency;
     let temperature = temperature_of_enthalpy(outlet, 0.0);
     let change: f64 = entropy_function(temperature, 0.0) - entropy_function(inlet.temperature, 0.0);
-    let polytropic = GAS_CONSTANT * ratio.ln() / change;
+    let polytropic = GAS_CONSTANT * ln(ratio) / change;
     let compressor = Compressor {
         shape,
         flow: inlet.corrected(),
@@ -133,12 +134,12 @@ fn turbine(
     let (mut low, mut high) = (0.0_f64, 4.0_f64);
     for _ in 0..64 {
         let middle = (low + high) / 2.0;
-        if expanded(middle.exp()).power < power {
+        if expanded(exp(middle)).power < power {
             low = middle;
         } else {
             high = middle;
         }
     }
-    let ratio = high.exp();
+    let ratio = exp(high);
     (turbine_of(ratio), expanded(ratio).outlet)
 }

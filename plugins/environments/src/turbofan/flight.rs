@@ -2,6 +2,7 @@
 
 use super::atmosphere::Air;
 use super::solver::HeldQuantity;
+use arithmetic::trigonometry::sin;
 use contract::{DataFile, Error, Rng};
 use document::reach::{quoted, quoted_names};
 use rand::Rng as _;
@@ -206,7 +207,7 @@ impl DrawnFlight {
         };
         let altitude_m = 3048.0 + (self.cruise_m - 3048.0) * height;
         let mach = 0.42 + (self.cruise_mach - 0.42) * height;
-        let wave = 0.01 * (time_s / 600.0 + self.phase).sin();
+        let wave = 0.01 * sin(time_s / 600.0 + self.phase);
         let total = Air::at(altitude_m, mach, self.delta_t_k).total_temperature;
         FlightPoint {
             altitude_m,

@@ -19,11 +19,8 @@
 //! Functions take plain or dual numbers. Values and partial derivatives are computed with plain numbers and
 //! joined by [`lift`], which costs less than dual arithmetic inside the polynomials.
 
-use num_dual::DualNum;
-
-/// A number with or without derivatives.
-pub(super) trait Number: DualNum<Primitive = f64, Real = f64> + Copy {}
-impl<T: DualNum<Primitive = f64, Real = f64> + Copy> Number for T {}
+use super::number::Number;
+use arithmetic::double::{exp, ln};
 
 /// Specific gas constant of air, J/(kg K).
 pub(super) const GAS_CONSTANT: f64 = 287.05;
@@ -115,8 +112,8 @@ pub(super) fn temperature_after<T: Number>(temperature: T, fuel_fraction: T, cha
     let goal = phi + change.re();
     // With a constant heat capacity the logarithm of the temperature is linear in the entropy function; the
     // value halfway is nearly right.
-    let halfway = start * (0.5 * change.re() / cp).exp();
-    let mut t = start * (change.re() / gas.enthalpy(halfway).1).exp();
+    let halfway = start * exp(0.5 * change.re() / cp);
+    let mut t = start * exp(change.re() / gas.enthalpy(halfway).1);
     let mut cp_there = cp;
     for _ in 0..MOST_STEPS {
         let (value, cp) = gas.entropy(t);
@@ -148,7 +145,8 @@ pub(super) fn sonic_temperature<T: Number>(total_temperature: T, fuel_fraction: 
         let gamma = cp / (cp - GAS_CONSTANT);
         let excess = 2.0 * (h - value) - gamma * GAS_CONSTANT * t;
         // d gamma / d c_p = -R / (c_p - R)^2.
-        let of_cp = -GAS_CONSTANT / (cp - GAS_CONSTANT).powi(2) * GAS_CONSTANT * t;
+        let cv = cp - GAS_CONSTANT;
+        let of_cp = -GAS_CONSTANT / (cv * cv) * GAS_CONSTANT * t;
         let by_t = -2.0 * cp - gamma * GAS_CONSTANT - of_cp * gas.heat_capacity_slope(t);
         let by_f = -2.0 * gas.enthalpy_of_fuel(t) - of_cp * gas.heat_capacity_of_fuel(t);
         slopes = (-2.0 / by_t, -by_f / by_t);
@@ -233,7 +231,7 @@ impl Gas {
         if temperature < 450.0 {
             return 0.0;
         }
-        self.oxide.0 * (-OXIDE.0 / temperature).exp()
+        self.oxide.0 * exp(-OXIDE.0 / temperature)
     }
 }
 
@@ -290,7 +288,7 @@ fn logarithmic_integral(coefficients: &[f64; 9], temperature: f64) -> (f64, f64)
     let beyond = if temperature == held {
         0.0
     } else {
-        value * (temperature / held).ln()
+        value * ln(temperature / held)
     };
-    (sum + coefficients[0] * held.ln() + beyond, value)
+    (sum + coefficients[0] * ln(held) + beyond, value)
 }

@@ -20,7 +20,7 @@
 //!
 //! The constants of turbines and of the fan's choking were fitted to operating points of pyCycle's example.
 
-use super::gas::Number;
+use super::number::{Number, exp, ln_1p, pow};
 
 /// A term that sets in smoothly at some speed: `o(N) = w ln(1 + exp((N - N_0) / w))`.
 #[derive(Debug, Clone, Copy)]
@@ -36,7 +36,7 @@ impl Onset {
         let x = (speed - self.begin) / self.width;
         // The same number without an overflow of the exponential for large x.
         let above = if x.re() > 0.0 { x } else { T::from(0.0) };
-        (above + (-x.abs()).exp().ln_1p()) * self.width
+        (above + ln_1p(exp(-x.abs()))) * self.width
     }
 }
 
@@ -85,11 +85,11 @@ impl CompressorShape {
     pub(super) fn at<T: Number>(&self, speed: T, line: T) -> MapPoint<T> {
         let (strength, onset) = &self.choking;
         let choked = (speed - onset.at(speed) * *strength) / (1.0 - strength * onset.at(1.0));
-        let spine = choked.powf(self.flow_of_speed);
-        let towards_choke = T::from(1.0) - (-line).exp();
+        let spine = pow(choked, self.flow_of_speed);
+        let towards_choke = T::from(1.0) - exp(-line);
         MapPoint {
             flow: spine + towards_choke * self.line_flow,
-            pressure_rise: spine.powf(self.rise_of_flow) - choked * line * (2.0 * self.line_rise),
+            pressure_rise: pow(spine, self.rise_of_flow) - choked * line * (2.0 * self.line_rise),
             efficiency: T::from(1.0 + self.losses.at(1.0, 0.0, 0.0))
                 - self.losses.at(speed, line, towards_choke),
         }

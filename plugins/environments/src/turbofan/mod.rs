@@ -32,6 +32,7 @@ mod flight;
 mod gas;
 mod map;
 mod model;
+mod number;
 mod recorded;
 pub mod samples;
 mod sensors;

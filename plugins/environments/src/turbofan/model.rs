@@ -9,8 +9,9 @@ use super::sensors::Correction;
 use super::solver::{HeldQuantity, Operation};
 use super::surrogate::Surrogate;
 use super::{OUTPUTS, outputs};
+use arithmetic::draws::normal;
 use contract::{Artifact, Channel, Error, Rng, artifact::Policy};
-use rand_distr::{Distribution, StandardNormal};
+use rand::RngCore as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -40,8 +41,7 @@ impl Distortion {
         for value in outputs {
             *value *= self.bias;
             if self.noise > 0.0 {
-                let drawn: f64 = StandardNormal.sample(rng);
-                *value *= 1.0 + self.noise * drawn;
+                *value *= 1.0 + self.noise * normal(rng.next_u64());
             }
         }
     }

@@ -3,7 +3,7 @@
 use super::atmosphere::Air;
 use super::cycle::{Engine, FUEL, Health, N, Point, SPEEDS};
 use super::flight::FlightPoint;
-use super::gas::Number;
+use super::number::Number;
 use nalgebra::{SMatrix, SVector};
 use num_dual::{Derivative, DualSVec64};
 use serde::{Deserialize, Serialize};

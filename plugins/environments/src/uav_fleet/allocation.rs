@@ -18,6 +18,7 @@ use crate::{
     battery::Cell,
     policy_network::{FILE, PolicyNetwork},
 };
+use arithmetic::double::{exp, ln_1p};
 use contract::Error;
 
 /// Measured quantities of a pack.
@@ -130,11 +131,11 @@ impl LearnedPolicy {
         let seen = readings.voltage_v.into_iter().chain(readings.current_a);
         let x = self.network.outputs(seen.chain([readings.power_w]));
         let most = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let softplus = |x: f64| x.max(0.0) + (-x.abs()).exp().ln_1p();
+        let softplus = |x: f64| x.max(0.0) + ln_1p(exp(-x.abs()));
         let weights: [f64; STRINGS] = std::array::from_fn(|i| match self.head {
             Head::DirichletMean => softplus(x[i]) + 1.0,
             Head::DirichletMode => softplus(x[i]),
-            Head::SoftmaxMean => (x[i] - most).exp(),
+            Head::SoftmaxMean => exp(x[i] - most),
         });
         let sum: f64 = weights.iter().sum();
         weights.map(|weight| weight / sum)

@@ -76,7 +76,10 @@ impl Estimate {
     pub fn of_new(config: &UavFleetConfig) -> Self {
         let fresh = CellParameters::FRESH;
         // The variance of a uniform number; never zero, so that the covariance can be inverted.
-        let variance = |value: f64| (value * config.new_spread.max(1e-6)).powi(2) / 3.0;
+        let variance = |value: f64| {
+            let spread = value * config.new_spread.max(1e-6);
+            spread * spread / 3.0
+        };
         Self {
             q_mobile_c: fresh.q_mobile_c,
             r_ohm: fresh.r_ohm,
@@ -120,7 +123,8 @@ impl Estimate {
     /// The correction with the Jacobian at `at`.
     fn corrected(&self, config: &UavFleetConfig, log: &FlightLog, string: usize, at: Self) -> Self {
         let normal = NormalEquations::at(config, &at, log, string);
-        let weight = 1.0 / (config.sensor_noise_v.powi(2) / 3.0 + MODEL_V * MODEL_V);
+        let noise_v = config.sensor_noise_v;
+        let weight = 1.0 / (noise_v * noise_v / 3.0 + MODEL_V * MODEL_V);
         let [qq, qr, rr] = self.covariance;
         let prior = 1.0 / (qq * rr - qr * qr);
         let [aqq, aqr, arr] = [

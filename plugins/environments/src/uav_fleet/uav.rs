@@ -69,7 +69,7 @@ impl Uav {
     /// The sum of the squared errors of the known resistances, ohm2.
     #[must_use]
     pub fn squared_error(&self) -> f64 {
-        let error = |string: &CellString| (string.known.r_ohm - string.parameters.r_ohm).powi(2);
-        self.strings.iter().map(error).sum()
+        let error = |string: &CellString| string.known.r_ohm - string.parameters.r_ohm;
+        self.strings.iter().map(error).map(|error| error * error).sum()
     }
 }

@@ -7,6 +7,7 @@
 //! | [`squashed`] | Gaussian policies squashed by tanh |
 //! | [`gaussian_softmax`] | Gaussian policies mapped to the simplex by softmax |
 //! | [`dirichlet`] | Dirichlet policies |
+//! | [`stein`] | directions of Stein variational gradient descent |
 //! | [`state_file`] | the state of a plan in a file of tensors |
 
 pub mod dirichlet;
@@ -15,3 +16,4 @@ pub mod input_norm;
 pub mod network;
 pub mod squashed;
 pub mod state_file;
+pub mod stein;

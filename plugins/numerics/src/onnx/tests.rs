@@ -2,14 +2,12 @@
 //! program's.
 
 use super::*;
-use crate::network::{Mlp, device};
 use crate::policy_file::{Head, Policy, Ports};
 use crate::tensor_file::{HostTensor, TensorFile, TensorFileError};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 fn policy(center: Vec<f64>, spread: Vec<f64>) -> Policy {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let network = Mlp::new(&[2, 8, 5], &[Activation::LeakyRelu], 1.0, &mut rng, &device());
     let words = |words: &[&str]| words.iter().map(ToString::to_string).collect();
     let (inputs, outputs) = (words(&["pressure_pa", "speed"]), words(&["left", "right"]));
     let ports = Ports {
@@ -18,7 +16,7 @@ fn policy(center: Vec<f64>, spread: Vec<f64>) -> Policy {
         spread,
         outputs,
     };
-    Policy::new(&network, ports, Head::Tanh)
+    Policy::untrained(&[2, 8, 5], &[Activation::LeakyRelu], ports, Head::Tanh, &mut rng)
 }
 
 fn message(policy: &Policy) -> Model {

@@ -82,7 +82,7 @@ fn tried(search: &Search, point: &[Value]) -> Trial {
     trial.key.protocol = Part::new("train_evaluate", 1, steps).into();
     trial.id = trial.key.id();
     let cell = trial.cell_mut();
-    cell.point = SweepPoint::new(vec![("tally.rate".into(), point[0].clone())]);
+    cell.point = SweepPoint::from_iter([("tally.rate", point[0].clone())]);
     cell.purpose = Purpose::Tried(search.name.clone());
     trial
 }

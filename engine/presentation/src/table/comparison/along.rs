@@ -2,7 +2,11 @@
 
 use super::{Axis, Comparison};
 use crate::table::{Scope, seeds::listed_first};
-use contract::{sweep_point::word, trial::TrialCell, trial_result::TrialResult};
+use contract::{
+    sweep_point::{last_word, word},
+    trial::TrialCell,
+    trial_result::TrialResult,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{borrow::Cow, collections::HashMap, sync::Arc};
@@ -23,7 +27,7 @@ impl TableAxis {
     pub fn name(&self) -> Cow<'static, str> {
         match self {
             TableAxis::Axis(axis) => axis.name().into(),
-            TableAxis::Key(key) => key.rsplit('.').next().unwrap_or_default().to_owned().into(),
+            TableAxis::Key(key) => last_word(key).to_owned().into(),
         }
     }
 

@@ -127,10 +127,10 @@ fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
     for (key, along) in [("rows", Some(&spec.rows)), ("columns", spec.columns.as_ref())] {
         if let Some(word) = along
             .and_then(TableAxis::key)
-            .filter(|word| !names.vocabulary.swept_values.contains_key(*word))
+            .filter(|word| !names.vocabulary.swept_names().contains(word))
         {
             let axes = Axis::ALL.map(Axis::name).into_iter();
-            let known = axes.chain(names.vocabulary.swept.iter().map(String::as_str));
+            let known = axes.chain(names.vocabulary.swept_names());
             let message = format!("`{key}` is `{word}`, which no sweep varies");
             let help = suggest(word, known);
             names.say(place.value(key), message, help);
@@ -147,14 +147,7 @@ fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
 
 fn names_of(along: &TableAxis, names: &Names<'_>, picked: &Picked) -> Vec<String> {
     let axis = match along {
-        TableAxis::Key(key) => {
-            return names
-                .vocabulary
-                .swept_values
-                .get(key)
-                .cloned()
-                .unwrap_or_default();
-        }
+        TableAxis::Key(key) => return names.vocabulary.swept_values(key),
         TableAxis::Axis(axis) => axis,
     };
     match axis {
@@ -180,7 +173,7 @@ fn settings_of(names: &Names<'_>, picked: &Picked) -> Vec<String> {
             .is_some_and(|rest| rest.starts_with('.'))
     };
     let agents = &names.vocabulary.agents;
-    let keys = || names.vocabulary.swept.iter().filter(|key| key.contains('.'));
+    let keys = || names.vocabulary.swept.iter().map(|(key, _)| key);
     let varies_all = keys().any(|key| !agents.iter().any(|agent| is_of(key, agent)));
     let varies = |index: &usize| varies_all || keys().any(|key| is_of(key, &agents[*index]));
     if !picked.agents.iter().any(varies) {

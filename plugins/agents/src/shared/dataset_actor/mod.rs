@@ -16,15 +16,15 @@
 #[cfg(test)]
 pub(crate) mod tests;
 
-use crate::shared::batch::{BatchRows, BatchWidths};
+use crate::shared::batch::{Batch, BatchWidths};
 use crate::shared::joint::acted;
 use crate::shared::scaling::{ObservationScaling, Scaling};
 use crate::shared::seat_network::HiddenLayers;
 use crate::shared::{allocation, checkpoint, seat};
 use contract::{Action, End, Error, Interface, Observation, Rng, Seat, Space, Transition};
 use numerics::{
+    activation::Activation,
     equations::{network::Network, state_file},
-    network::Activation,
     policy_file::{FILE_NAME, Head, Policy, Ports},
     tensor_file::{TensorFile, TensorFileError},
 };
@@ -114,7 +114,7 @@ impl ActorSettings {
             layers: self.layers,
             activation: Activation::Relu,
         };
-        let network = hidden.described(name, inputs, outputs);
+        let network = hidden.network(name, inputs, outputs);
         network.initialise_uniform(state, rng);
         network
     }
@@ -210,10 +210,10 @@ impl DatasetActor {
     /// Transitions with scaled observations.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-    pub fn batch(&self, transitions: &[Transition]) -> BatchRows {
+    pub fn batch(&self, transitions: &[Transition]) -> Batch {
         let all = || transitions.iter();
         let continues = |it: &Transition| f32::from(u8::from(it.end != Some(End::Terminated)));
-        BatchRows {
+        Batch {
             n_rows: transitions.len(),
             observations: self.scaled(all().map(|it| &it.observation)),
             actions: all()
@@ -280,7 +280,7 @@ impl DatasetActor {
     /// # Errors
     /// [`Error::File`] where the operating system refuses.
     pub fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::of_state(&self.policy, &self.state, self.ports(), self.actions.head());
+        let policy = Policy::new(&self.policy, &self.state, self.ports(), self.actions.head());
         policy.write(dir).map_err(checkpoint::error_of(self.agent))?;
         Ok(true)
     }
@@ -297,7 +297,7 @@ impl DatasetActor {
                 .map_err(&misfit)?;
         }
         let (ports, head) = (self.ports(), self.actions.head());
-        checkpoint::import_network(self.agent, &self.policy, &mut self.state, dir, &ports, head)?;
+        checkpoint::import_policy(self.agent, &self.policy, &mut self.state, dir, &ports, head)?;
         Ok(true)
     }
 

@@ -3,7 +3,7 @@
 
 use super::super::joint::ObservationScope;
 use contract::{Error, Preset};
-use numerics::network::Activation;
+use numerics::activation::Activation;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

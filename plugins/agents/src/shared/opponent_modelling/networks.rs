@@ -29,7 +29,7 @@ pub struct Critic {
 }
 
 impl Settings {
-    fn described(&self, name: &str, n_inputs: usize, n_outputs: usize) -> NormalisedNetwork {
+    fn network(&self, name: &str, n_inputs: usize, n_outputs: usize) -> NormalisedNetwork {
         let sizes = [n_inputs, self.width, self.width, n_outputs];
         NormalisedNetwork::new(name, &sizes, &[self.activation; 2], self.input_normalisation)
     }
@@ -53,7 +53,7 @@ impl GaussianNetwork {
         state: &mut State<f32>,
         rng: &mut impl RngCore,
     ) -> Self {
-        let network = settings.described(name, n_inputs, 2 * n_actions);
+        let network = settings.network(name, n_inputs, 2 * n_actions);
         network.initialise(std::f64::consts::SQRT_2, state, rng);
         Self {
             moments: RunningMoments::new(&network, state),
@@ -166,7 +166,7 @@ impl Critic {
         state: &mut State<f32>,
         rng: &mut impl RngCore,
     ) -> Self {
-        let network = settings.described(name, n_observed + n_acted, 1);
+        let network = settings.network(name, n_observed + n_acted, 1);
         network.initialise_uniform(state, rng);
         Self {
             target: network.copied(target, state),

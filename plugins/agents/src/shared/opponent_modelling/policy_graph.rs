@@ -8,7 +8,7 @@
 use crate::shared::policy_forms::{error, header, misfit, portable as policy_of, tensors};
 use contract::{Error, policy_form::PortablePolicy};
 use numerics::{
-    network::Activation,
+    activation::Activation,
     onnx::{Graph, Setting, Value, dense_layers, with_first_outputs},
     policy_file::Head,
     tensor_file::TensorFile,

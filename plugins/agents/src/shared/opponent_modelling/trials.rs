@@ -2,13 +2,13 @@
 
 use super::{Algorithm, GaussianNetwork, Learner, PREDICTION_ERROR, Player, SeatUpdate, Settings};
 use crate::shared::{
-    batch::{BatchInputs, BatchRows},
+    batch::{Batch, BatchInputs},
     coordination,
     gradient_checks::{assert_gradient_in, outputs},
     joint::ObservationScope,
 };
 use contract::{Agent, Metric, Mode, Observation, random::stream};
-use numerics::network::Activation;
+use numerics::activation::Activation;
 use plan::{Equations, Expression, Processor};
 
 /// Settings for small networks that learn fast.
@@ -41,7 +41,7 @@ pub(crate) fn learner<A: Algorithm>(algorithm: A) -> Learner<A> {
 }
 
 /// `n` transitions of the untrained agent, as its first seat learns from them.
-pub(crate) fn batch<A: Algorithm>(learner: &mut Learner<A>, n: usize) -> BatchRows {
+pub(crate) fn batch<A: Algorithm>(learner: &mut Learner<A>, n: usize) -> Batch {
     let mut rng = stream(&["batch"]);
     let mut transitions = coordination::decide(learner, 2 * n, &mut rng);
     transitions
@@ -75,7 +75,7 @@ pub(crate) fn begin<'g, 'e, A>(
 pub(crate) fn computed<A>(
     learner: &Learner<A>,
     seat: usize,
-    batch: &BatchRows,
+    batch: &Batch,
     write: impl for<'e> FnOnce(SeatUpdate<'_, 'e>) -> Expression<'e>,
 ) -> Vec<f32> {
     let [found] = outputs(["found"], &learner.state, batch, |equations| {
@@ -89,7 +89,7 @@ pub(crate) fn computed<A>(
 pub(crate) fn gradient<A>(
     learner: &Learner<A>,
     network: &GaussianNetwork,
-    batch: &BatchRows,
+    batch: &Batch,
     write: impl for<'e> FnOnce(SeatUpdate<'_, 'e>) -> Expression<'e>,
 ) -> Vec<f32> {
     computed(learner, 0, batch, |update| {
@@ -146,7 +146,7 @@ pub(crate) fn assert_gradient<A: Algorithm>(
 pub(crate) fn assert_moves_only<A: Algorithm>(
     learner: &Learner<A>,
     seat: usize,
-    batch: &BatchRows,
+    batch: &Batch,
     network: &str,
     step: impl FnOnce(SeatUpdate<'_, '_>),
 ) {

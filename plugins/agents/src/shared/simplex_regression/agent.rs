@@ -18,8 +18,8 @@ use contract::{
     Transition, Updates,
 };
 use numerics::{
+    activation::Activation,
     equations::{network::Network, state_file},
-    network::Activation,
     policy_file::{Head, Policy, Ports},
     tensor_file::TensorFile,
 };
@@ -251,14 +251,14 @@ impl<H: SimplexHead> Agent for SimplexRegression<H> {
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::of_state(&self.learner.network, &self.state, self.ports(), H::EXPORTED);
+        let policy = Policy::new(&self.learner.network, &self.state, self.ports(), H::EXPORTED);
         policy.write(dir).map_err(checkpoint::error_of(H::NAME))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
         let (ports, network, state) = (self.ports(), &self.learner.network, &mut self.state);
-        checkpoint::import_network(H::NAME, network, state, dir, &ports, H::EXPORTED)?;
+        checkpoint::import_policy(H::NAME, network, state, dir, &ports, H::EXPORTED)?;
         Ok(true)
     }
 }

@@ -35,7 +35,7 @@ mod tests;
 pub use config::{Config, Temperature};
 
 use crate::shared::{
-    batch::{BatchInputs, BatchRows, BatchWidths},
+    batch::{Batch, BatchInputs, BatchWidths},
     bellman::{Weight, bootstrapped, half_squared_error},
     box_seat::BoxSeat,
     checkpoint::{self, finite},
@@ -130,7 +130,7 @@ impl SoftActorCritic {
         let (n_seen, n_done) = (seat.n_observed(), seat.n_acted());
         let mut state = State::default();
         let mut network = |name: &str, inputs, outputs, gain| {
-            let network = config.hidden().described(name, inputs, outputs);
+            let network = config.hidden().network(name, inputs, outputs);
             initialise(&network, gain, &mut state);
             network
         };
@@ -186,12 +186,17 @@ impl SoftActorCritic {
         rng: &mut Rng,
         record: &mut Recorder,
     ) -> Result<(), Error> {
-        let batch = self.replay.latest_rows(self.replay.len());
+        let batch = self.replay.latest(self.replay.len());
         self.improve(&batch, rng, record)
     }
 
-    fn improve(&mut self, batch: &BatchRows, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let plan = self.learner.plan(&mut self.learning, batch.n_rows, self.replay.widths(), &self.config);
+    fn improve(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        let plan = self.learner.plan(
+            &mut self.learning,
+            batch.n_rows,
+            self.replay.widths(),
+            &self.config,
+        );
         batch.write(plan);
         plan.run_seeded("update", &mut self.state, rng.next_u64());
         for metric in ["critic_loss", "policy_loss"] {
@@ -350,17 +355,17 @@ impl Agent for SoftActorCritic {
         Some(plan.graph().to_string())
     }
 
-    checkpoint::keeps_state!(NAME);
+    checkpoint::keeps!(NAME);
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::of_state(&self.learner.policy, &self.state, self.seat.ports(), Head::Tanh);
+        let policy = Policy::new(&self.learner.policy, &self.state, self.seat.ports(), Head::Tanh);
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
         let ports = self.seat.ports();
-        checkpoint::import_network(
+        checkpoint::import_policy(
             NAME,
             &self.learner.policy,
             &mut self.state,

@@ -6,7 +6,7 @@ use crate::shared::{
     regulator::{self, Plants},
 };
 use contract::random::stream;
-use numerics::network::Activation;
+use numerics::activation::Activation;
 use plan::Equations;
 
 fn tiny() -> Config {
@@ -31,7 +31,7 @@ fn agent(config: Config) -> SoftActorCritic {
 }
 
 /// An agent after some updates, and a batch of its transitions.
-fn trained(config: Config) -> (SoftActorCritic, BatchRows) {
+fn trained(config: Config) -> (SoftActorCritic, Batch) {
     let (mut agent, mut rng) = (agent(config), stream(&["some"]));
     let mut plants = Plants::new(&mut rng);
     regulator::train(&mut agent, &mut plants, 8, &mut rng);

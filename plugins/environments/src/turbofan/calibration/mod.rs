@@ -29,9 +29,10 @@ use super::model::{Distortion, Model, SensorModel};
 use super::recorded::Sample;
 use super::sensors::SensorSetup;
 use crate::unit_box::check_seats;
+use arithmetic::{draws::normal, power::pow};
 use config::{metrics, seat};
 use contract::{Channel, End, Environment, Error, Metric, Rng, Seat, Step};
-use rand_distr::{Distribution, StandardNormal};
+use rand::RngCore as _;
 use serde::{Deserialize, Serialize};
 
 /// The `turbofan_calibration` environment.
@@ -138,8 +139,9 @@ impl TurbofanCalibration {
             None => self.truth.read(condition, theta)?,
         };
         if let Some(snr_db) = self.config.sensor_snr_db {
-            let sd = 10_f64.powf(-snr_db / 20.0);
-            read.iter_mut().for_each(|value| *value *= 1.0 + sd * normal(rng));
+            let sd = pow(10.0, -snr_db / 20.0);
+            read.iter_mut()
+                .for_each(|value| *value *= 1.0 + sd * normal(rng.next_u64()));
         }
         Ok(read)
     }
@@ -198,7 +200,8 @@ impl TurbofanCalibration {
             .zip(&self.progress.target)
             .zip(&self.ranges);
         let sum: f64 = errors
-            .map(|((model, target), (_, half))| ((model - target) / half).powi(2))
+            .map(|((model, target), (_, half))| (model - target) / half)
+            .map(|error| error * error)
             .sum();
         (sum / self.ranges.len() as f64, sum.sqrt())
     }
@@ -232,10 +235,6 @@ impl TurbofanCalibration {
             .map(of_unit)
             .collect()
     }
-}
-
-fn normal(rng: &mut Rng) -> f64 {
-    StandardNormal.sample(rng)
 }
 
 impl Environment for TurbofanCalibration {
@@ -275,7 +274,7 @@ impl Environment for TurbofanCalibration {
         let squared: Vec<f64> = theta
             .iter()
             .zip(&chosen)
-            .map(|(true_one, it)| (true_one - it).powi(2))
+            .map(|(true_one, it)| (true_one - it) * (true_one - it))
             .collect();
         let (mean, norm) = self.output_error();
         let cost = match self.config.cost {
