@@ -1,5 +1,10 @@
 //! Operations that depend on the order of the entries of a row.
 
+#![allow(
+    clippy::redundant_closure_for_method_calls,
+    reason = "a path of the method has one lifetime, the closure has any"
+)]
+
 use super::*;
 use crate::{Equations, Expression};
 
