@@ -28,7 +28,7 @@
 
 use crate::shared::{
     allocation,
-    batch::BatchInputs,
+    batch::{BatchInputs, plan_text},
     bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     replay::Replay,
@@ -334,6 +334,13 @@ impl Agent for Ddpg {
             self.update(rng, record)?;
         }
         Ok(())
+    }
+
+    fn plan(&mut self) -> Option<String> {
+        let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
+        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
+            learner.update(batch, config)
+        })
     }
 
     checkpoint::keeps!(NAME);

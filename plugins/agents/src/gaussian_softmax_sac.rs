@@ -26,7 +26,7 @@
 
 use crate::shared::{
     allocation,
-    batch::BatchInputs,
+    batch::{BatchInputs, plan_text},
     checkpoint,
     replay::Replay,
     scaling::{ObservationScaling, Scaling},
@@ -309,6 +309,14 @@ impl Agent for GaussianSoftmaxSac {
             self.update(rng, record)?;
         }
         Ok(())
+    }
+
+    fn plan(&mut self) -> Option<String> {
+        let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
+        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
+            batch.observations.equations().routine("update");
+            learner.update(batch);
+        })
     }
 
     checkpoint::keeps!(NAME);

@@ -40,7 +40,7 @@ pub use config::{ActionScaling, Config, EvaluationAction, NetworkKind, TargetEnt
 
 use crate::shared::{
     allocation,
-    batch::{Batch, BatchInputs},
+    batch::{Batch, BatchInputs, plan_text},
     bellman::{Weight, bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     replay::Replay,
@@ -416,6 +416,14 @@ impl Agent for DirichletSac {
             self.update(rng, record)?;
         }
         Ok(())
+    }
+
+    fn plan(&mut self) -> Option<String> {
+        let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
+        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
+            batch.observations.equations().routine("update");
+            learner.update(batch, config);
+        })
     }
 
     checkpoint::keeps!(NAME);

@@ -52,7 +52,7 @@ mod tests;
 pub use config::{ClacConfig, Config, SmoothnessNorm};
 
 use crate::shared::{
-    batch::BatchInputs,
+    batch::{BatchInputs, plan_text},
     box_seat::BoxSeat,
     checkpoint::{self, finite},
     schedule::UpdateSchedule,
@@ -300,6 +300,13 @@ impl Agent for LyapunovActorCritic {
             return Ok(());
         }
         (0..due).try_for_each(|_| self.update(rng, record))
+    }
+
+    fn plan(&mut self) -> Option<String> {
+        let (learner, config, widths) = (&self.learner, &self.config, self.memory.widths());
+        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
+            learner.update(batch, config)
+        })
     }
 
     fn updates(&self) -> Option<Updates> {

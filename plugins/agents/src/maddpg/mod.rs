@@ -44,7 +44,7 @@ pub use exploration::Noise;
 use exploration::Exploration;
 
 use crate::shared::{
-    batch::{Batch, BatchInputs},
+    batch::{Batch, BatchInputs, plan_text},
     bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     joint::JointLayout,
@@ -369,6 +369,13 @@ impl Agent for Maddpg {
             self.update(rng, record)?;
         }
         Ok(())
+    }
+
+    fn plan(&mut self) -> Option<String> {
+        let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
+        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
+            learner.update(batch, config)
+        })
     }
 
     checkpoint::keeps!(NAME; counters: exploration);

@@ -51,7 +51,7 @@ pub use config::{Config, EvaluationAction};
 use seat::Seat;
 
 use crate::shared::{
-    batch::{Batch, BatchInputs},
+    batch::{Batch, BatchInputs, plan_text},
     bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     joint::JointLayout,
@@ -325,6 +325,13 @@ impl Agent for Masql {
             self.update(rng, record)?;
         }
         Ok(())
+    }
+
+    fn plan(&mut self) -> Option<String> {
+        let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
+        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
+            learner.update(batch, config)
+        })
     }
 
     checkpoint::keeps!(NAME);

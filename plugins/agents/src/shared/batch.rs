@@ -1,6 +1,6 @@
 //! Batches of transitions, as rows on the host and as inputs of equations.
 
-use plan::{Equations, Expression, Processor};
+use plan::{Equations, Expression, Plans, Processor};
 
 /// Columns of each part of a batch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,4 +84,17 @@ impl<'e> BatchInputs<'e> {
             continues: input("continues", 1),
         }
     }
+}
+
+/// The plan for a batch as text, with the equations that `write` writes where they are not compiled yet.
+pub fn plan_text(
+    plans: &mut Plans,
+    n_rows: usize,
+    widths: BatchWidths,
+    write: impl FnOnce(BatchInputs<'_>),
+) -> Option<String> {
+    let plan = plans.of_rows(n_rows, |equations| {
+        write(BatchInputs::new(equations, n_rows, widths))
+    });
+    Some(plan.graph().to_string())
 }

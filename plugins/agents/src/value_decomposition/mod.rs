@@ -54,7 +54,7 @@ pub use mixer::MonotonicMixer;
 use team::Team;
 
 use crate::shared::{
-    batch::BatchInputs,
+    batch::{BatchInputs, plan_text},
     bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     replay::Replay,
@@ -361,6 +361,13 @@ impl Agent for ValueDecomposition {
 
     fn reads_state(&self) -> bool {
         self.config.mixing == ValueMixing::Monotonic
+    }
+
+    fn plan(&mut self) -> Option<String> {
+        let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
+        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
+            learner.update(batch, config)
+        })
     }
 
     checkpoint::keeps!(NAME);
