@@ -190,19 +190,25 @@ fn a_copy_trains_by_itself() {
     assert_eq!(two_steps(&mut one, &mut ChaCha8Rng::seed_from_u64(4)), losses);
 }
 
+/// At this rate a start can end in rectifiers that are inactive for every image; most do not.
 #[test]
-fn a_critic_learns_to_tell_noise_from_a_gradient() {
-    let mut trained = adversaries(Training {
+fn a_critic_learns_to_tell_noise_from_a_gradient_from_most_starts() {
+    let training = Training {
         learning_rate: 0.01,
         ..Training::default()
-    });
-    trained.grow(&E2GAN.cells[0], &mut ChaCha8Rng::seed_from_u64(2));
+    };
     let real = [1.0; 8 * 4 * 4 * 3];
-    let mut rng = ChaCha8Rng::seed_from_u64(6);
-    let first = trained.critic_step(&real, &latents(8, 4, &mut rng));
-    let last = (0..60)
-        .map(|_| trained.critic_step(&real, &latents(8, 4, &mut rng)))
-        .last()
-        .unwrap();
-    assert!(last < 0.5 * first, "{first} {last}");
+    let learns = |seed: u64| {
+        let mut trained = Adversaries::new(SIZES, 4, training, &mut ChaCha8Rng::seed_from_u64(seed));
+        trained.grow(&E2GAN.cells[0], &mut ChaCha8Rng::seed_from_u64(2));
+        let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let mut step = || trained.critic_step(&real, &latents(8, 4, &mut rng));
+        let first = step();
+        (0..60)
+            .map(|_| step())
+            .last()
+            .is_some_and(|last| last < 0.1 * first)
+    };
+    let n_learned = (0..12).filter(|seed| learns(*seed)).count();
+    assert!(n_learned > 6, "{n_learned} of 12");
 }
