@@ -305,7 +305,7 @@ impl Agent for LyapunovActorCritic {
     fn plan(&mut self) -> Option<String> {
         let (learner, config, widths) = (&self.learner, &self.config, self.memory.widths());
         plan_text(&mut self.learning, config.batch_size, widths, |batch| {
-            learner.update(batch, config)
+            learner.update(batch, config);
         })
     }
 

@@ -374,7 +374,7 @@ impl Agent for Maddpg {
     fn plan(&mut self) -> Option<String> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
         plan_text(&mut self.learning, config.batch_size, widths, |batch| {
-            learner.update(batch, config)
+            learner.update(batch, config);
         })
     }
 

@@ -94,7 +94,7 @@ pub fn plan_text(
     write: impl FnOnce(BatchInputs<'_>),
 ) -> Option<String> {
     let plan = plans.of_rows(n_rows, |equations| {
-        write(BatchInputs::new(equations, n_rows, widths))
+        write(BatchInputs::new(equations, n_rows, widths));
     });
     Some(plan.graph().to_string())
 }

@@ -6,13 +6,13 @@
 //! | paper | here | shape |
 //! |---|---|---|
 //! | x, y | inputs, normalised inputs | `[rows, columns]` |
-//! | mu_B, sigma_B^2 | [`Moments`], the variance is the biased one | `[1, columns]` |
+//! | mu_B, sigma_B^2 | `Moments`, the variance is the biased one | `[1, columns]` |
 //! | gamma, beta | `NAME.norm.weight` (starts at 1), `NAME.norm.bias` (starts at 0) of the state | `[1, columns]` |
 //! | epsilon | [`EPSILON`] | scalar |
 //!
 //! `y = gamma (x - mu_B) / sqrt(sigma_B^2 + epsilon) + beta`; gradients also flow through the moments. Where single rows
 //! are evaluated (a policy that acts), [`RunningMoments`] replace those of the batch: `NAME.running_mean` and
-//! `NAME.running_variance` of the state, which [`RunningMoments::absorb`] moves and no optimiser.
+//! `NAME.running_variance` of the state, which `RunningMoments::absorb` moves and no optimiser.
 
 use super::network::Network;
 use super::state_file::{restore_network, restore_vector, store_network, store_vector};
