@@ -77,7 +77,8 @@ fn what_is_decided_stops_costing_and_what_is_open_goes_on() {
         [("equal", 6), ("known", 3), ("observed", 9), ("random", 6)].map(|(agent, n)| (agent.to_owned(), n));
     assert_eq!(seeds(&bench, "one"), BTreeMap::from(expected));
     let report = report(&bench);
-    let basis = "Seeds: a design of 3, 6 or 9; 1 combination used 3, 2 used 6, 1 used 9. Nothing was exploratory.";
+    let basis =
+        "Seeds: a design of 3, 6 or 9; 1 combination used 3, 2 used 6, 1 used 9. Nothing was exploratory.";
     let page = std::fs::read_to_string(bench.path("results/looks/index.html")).unwrap();
     let json = bench.ok(&["report", "looks.yaml", "--store", "one", "--format", "json"]);
     for text in [&said, &report, &page, &json] {
