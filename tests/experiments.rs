@@ -173,7 +173,8 @@ fn learners_that_need_examples_are_refused_where_decisions_are_given() {
     let bench = Bench::new();
     bench.write(
         "fit.yaml",
-        "study: fit\nenvironments:\n  points: { simplex_reconstruction: {} }\nagents:\n  learner: { dirichlet_regression: {} }\n\
+        "study: fit\nenvironments:\n  points: { simplex_reconstruction: {} }\nagents:\n\
+         \x20 learner: { dirichlet_regression: {} }\n\
          protocol: { train_evaluate: { steps: 1000 } }\nseeds: 1\n",
     );
     let refused = bench.run(&["check", "fit.yaml"]);

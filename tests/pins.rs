@@ -71,11 +71,18 @@ fn no_number_moves_under_an_old_version() {
     }
 }
 
-/// Three agents and three environments on an emulated processor of 2008, with SSE alone and without fused multiply-adds.
+/// Three agents and three environments on an emulated processor of 2008, with SSE alone and without fused
+/// multiply-adds.
 #[test]
 fn a_processor_without_wide_vectors_has_the_same_numbers() {
-    const PINS: &str = "agent soft_actor_critic,agent dirichlet_sac,agent tdom_ac,environment battery,environment turbofan,\
-                        environment component_replacement";
+    let pins = [
+        "agent soft_actor_critic",
+        "agent dirichlet_sac",
+        "agent tdom_ac",
+        "environment battery",
+        "environment turbofan",
+        "environment component_replacement",
+    ];
     let Some([emulator]) = programs(["qemu-x86_64"]) else {
         return;
     };
@@ -84,7 +91,7 @@ fn a_processor_without_wide_vectors_has_the_same_numbers() {
     command.args(["-cpu", "Nehalem"]).arg(program);
     command
         .args(["--exact", "pins::no_number_moves_under_an_old_version"])
-        .env(SOME, PINS);
+        .env(SOME, pins.join(","));
     let output = command.output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success() && text.contains("1 passed"), "{text}");

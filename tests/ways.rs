@@ -1,5 +1,5 @@
-//! A study has the same digests in every way to compute it, and each trial is computed once: by one worker and by two, by
-//! two programs at once, in shards, and by a program that is killed and started again.
+//! A study has the same digests in every way to compute it, and each trial is computed once: by one worker and
+//! by two, by two programs at once, in shards, and by a program that is killed and started again.
 
 use crate::program::{Bench, repository};
 use std::{

@@ -1,5 +1,5 @@
-//! An agent that learns from examples of a life knows all of it: its error does not depend on the place in the life, and no
-//! constant is better than the fitted one.
+//! An agent that learns from examples of a life knows all of it: its error does not depend on the place in the
+//! life, and no constant is better than the fitted one.
 
 use crate::program::Bench;
 

@@ -1,4 +1,5 @@
-//! Values that pass between Python and a trial: spaces, observations, seats, and the same bits for any number of workers.
+//! Values that pass between Python and a trial: spaces, observations, seats, and the same bits for any number
+//! of workers.
 
 use super::*;
 

@@ -10,7 +10,8 @@ use std::{
 
 /// How long a host may be silent, as the reference says.
 const SILENT_FOR: Duration = Duration::from_secs(30);
-/// Time that the machine may add to that: the last sign of life, the look at a clock, and a start of processes under load.
+/// Time that the machine may add to that: the last sign of life, the look at a clock, and a start of processes
+/// under load.
 const SLACK: Duration = Duration::from_secs(15);
 
 /// Processes that stand still; none of them outlives the test.

@@ -7,7 +7,8 @@ pub enum Feed {
     Decisions,
     /// Observations and states, without actions and rewards.
     Examples,
-    /// Transitions that others gathered, in batches, after [`Agent::observe_dataset`](crate::Agent::observe_dataset) got all of them.
+    /// Transitions that others gathered, in batches, after
+    /// [`Agent::observe_dataset`](crate::Agent::observe_dataset) got all of them.
     Dataset,
     /// Whole designs that the agent proposes one after the other, each with its value at its end.
     Designs,

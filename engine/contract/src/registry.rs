@@ -135,8 +135,8 @@ pub struct AgentTraits {
     pub metrics: Vec<Metric>,
     /// Whether the agent trains itself, as [`Agent::own_training`] does.
     pub trains_itself: bool,
-    /// For code that is not this program's own: reads from a config whether it learns, and its metrics. `learns_from` is
-    /// then of those that learn.
+    /// For code that is not this program's own: reads from a config whether it learns, and its metrics.
+    /// `learns_from` is then of those that learn.
     pub by_config: Option<ByConfig>,
 }
 

@@ -187,7 +187,8 @@ impl Pool {
         }
     }
 
-    /// The cards that a trial would be given: free ones, or of those with a large enough rest the one with the smallest.
+    /// The cards that a trial would be given: free ones, or of those with a large enough rest the one with the
+    /// smallest.
     fn free_cards(&self, needs: &Needs) -> Option<Vec<usize>> {
         let wanted = needs.of_cards();
         if wanted < CARD {

@@ -1,5 +1,6 @@
-//! Arrays of NumPy in an archive (`.npz`), as the callback for evaluations of Stable-Baselines3 writes them: arrays with
-//! one length are the columns of a table. Of an array with further axes the mean over these is the column.
+//! Arrays of NumPy in an archive (`.npz`), as the callback for evaluations of Stable-Baselines3 writes them:
+//! arrays with one length are the columns of a table. Of an array with further axes the mean over these is the
+//! column.
 
 use super::{
     content::Content,
@@ -247,8 +248,8 @@ impl Array {
 mod tests {
     use super::{super::content::content, *};
 
-    /// `numpy.savez_compressed` of NumPy 2.4.6: `timesteps` (i8, 3), `results` (f8, 3 x 4), `ep_lengths` (i4, 3 x 4, the
-    /// first axis fastest), `best` (f4, no axis), `names` (text, 3) and `seen` (b1, 7).
+    /// `numpy.savez_compressed` of NumPy 2.4.6: `timesteps` (i8, 3), `results` (f8, 3 x 4), `ep_lengths` (i4, 3
+    /// x 4, the first axis fastest), `best` (f4, no axis), `names` (text, 3) and `seen` (b1, 7).
     const EVALUATIONS: &[u8] = include_bytes!("fixtures/evaluations.npz");
 
     fn read(bytes: &[u8]) -> Result<LogTable, String> {

@@ -11,9 +11,8 @@ use super::{
 use contract::Error;
 use std::path::PathBuf;
 
-/// Reads files: TensorBoard's event files, and tables in JSON, Parquet or separated text, also packed by gzip; archives of
-/// NumPy and offline runs of W&B. Files of
-/// other kinds are told by their first bytes.
+/// Reads files: TensorBoard's event files, and tables in JSON, Parquet or separated text, also packed by gzip;
+/// archives of NumPy and offline runs of W&B. Files of other kinds are told by their first bytes.
 ///
 /// # Errors
 /// [`Error::File`] where one cannot be read, [`Error::Input`] with file, line and column where one is not as `mapping`

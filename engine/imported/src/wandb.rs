@@ -1,8 +1,9 @@
 //! Runs of W&B that were kept offline: `run-ID.wandb`, a log in LevelDB's format of records in Protocol Buffers.
 //!
-//! The file begins with `:W&B`, two bytes and a version, and goes on in blocks of 32768 bytes. A block holds fragments: a
-//! CRC-32 of kind and data (u32), the length of the data (u16, both little endian), the kind (whole, first, middle, last)
-//! and the data; less than a head at the end of a block is padding. Numbers of fields are those of
+//! The file begins with `:W&B`, two bytes and a version, and goes on in blocks of 32768 bytes. A block holds
+//! fragments: a CRC-32 of kind and data (u32), the length of the data (u16, both little endian), the kind
+//! (whole, first, middle, last) and the data; less than a head at the end of a block is padding. Numbers of
+//! fields are those of
 //! `wandb/proto/wandb_internal.proto`.
 
 use super::{

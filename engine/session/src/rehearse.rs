@@ -1,4 +1,5 @@
-//! Whether programs repeat. `check --rehearse` starts each program of a study twice, with one seed and for a short time;
+//! Whether programs repeat. `check --rehearse` starts each program of a study twice, with one seed and for a
+//! short time;
 //! `run` computes one trial of each program a second time, up to its first measurement, for the report.
 
 use crate::{

@@ -193,8 +193,8 @@ pub(crate) fn assembled(study: &Study, mut trials: Vec<TrialResult>) -> Results 
     }
 }
 
-/// The drawings that trials left and figures of the study show, by id. An unreadable one is reported, and the figure says it
-/// too.
+/// The drawings that trials left and figures of the study show, by id. An unreadable one is reported, and the
+/// figure says it too.
 fn drawings(
     session: &Session<'_>,
     one: &Planned,

@@ -26,15 +26,15 @@
 //! mean over batch and entries of `|pi(s) - a|`.
 
 use crate::shared::{
-    batch::BatchInputs,
-    checkpoint::{self, finite},
+    batch::{BatchInputs, plan_of},
+    checkpoint::finite,
     dataset_actor::{ActionSet, ActorSettings, DatasetActor, ScalingSource},
 };
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
-use numerics::{equations::network::Network, tensor_file::TensorFile};
+use numerics::equations::network::Network;
 use plan::{Descent, Expression, Plans};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -83,7 +83,6 @@ pub struct BehaviourCloning {
     config: Config,
     actor: DatasetActor,
     learning: Plans,
-    n_updates: u64,
 }
 
 /// Registers the agent.
@@ -106,7 +105,6 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
     Ok(Box::new(BehaviourCloning {
         actor: DatasetActor::new(NAME, &form, interface, rng)?,
         learning: Plans::default(),
-        n_updates: 0,
         config,
     }))
 }
@@ -148,7 +146,7 @@ fn loss<'e>(set: ActionSet, outputs: Expression<'e>, actions: Expression<'e>) ->
 
 impl Agent for BehaviourCloning {
     fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
-        self.actor.act(observations, self.n_updates)
+        self.actor.act(observations)
     }
 
     fn observe_dataset(&mut self, transitions: &[Transition]) -> Result<(), Error> {
@@ -160,37 +158,28 @@ impl Agent for BehaviourCloning {
         let (actor, config) = (&mut self.actor, &self.config);
         let batch = actor.batch(transitions);
         let (set, policy, widths) = (actor.actions, &actor.policy, actor.widths());
-        let plan = self.learning.of_rows(batch.n_rows, |equations| {
-            let batch = BatchInputs::new(equations, batch.n_rows, widths);
+        let plan = plan_of(&mut self.learning, batch.n_rows, widths, |batch| {
             update(set, policy, batch, config);
         });
         batch.write(plan);
         plan.run("update", &mut actor.state);
-        let loss = finite("clone_loss", self.n_updates, plan.number("clone_loss"))?;
+        let loss = finite("clone_loss", actor.n_updates, plan.number("clone_loss"))?;
         record.mean("clone_loss", loss);
         record.mean("clone_error", plan.number("clone_error"));
-        self.n_updates += 1;
+        actor.n_updates += 1;
         Ok(())
     }
 
     fn updates(&self) -> Option<Updates> {
-        Some(Updates {
-            made: self.n_updates,
-            first_after: 1,
-        })
+        Some(self.actor.updates())
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
-        let mut file = TensorFile::default();
-        self.actor.store(&mut file);
-        checkpoint::write(NAME, dir, file, &self.n_updates)
+        self.actor.save(dir)
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, n_updates) = checkpoint::read(NAME, dir)?;
-        self.actor.restore(&file).map_err(checkpoint::error_of(NAME))?;
-        self.n_updates = n_updates;
-        Ok(())
+        self.actor.load(dir)
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {

@@ -27,8 +27,8 @@
 //! `policy_loss` `-mean(Q(s, mu(s)))`.
 
 use crate::shared::{
-    allocation,
-    batch::{BatchInputs, plan_text},
+    acting, allocation,
+    batch::{BatchInputs, plan_of},
     bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     replay::Replay,
@@ -47,7 +47,6 @@ use numerics::{
     policy_file::{Head, Policy},
 };
 use plan::{Descent, Expression, Plans, State};
-use rand::RngCore;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -212,8 +211,8 @@ impl Ddpg {
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
         let batch = self.replay.draw(config.batch_size, rng);
-        let plan = self.learning.of_rows(batch.n_rows, |equations| {
-            learner.update(BatchInputs::new(equations, batch.n_rows, widths), config);
+        let plan = plan_of(&mut self.learning, batch.n_rows, widths, |batch| {
+            learner.update(batch, config);
         });
         batch.write(plan);
         plan.run("update", &mut self.state);
@@ -299,18 +298,9 @@ impl Agent for Ddpg {
         let seen = observations.iter().map(|observation| &observation.seats[0]);
         let scaled: Vec<f32> = seen.flat_map(|seen| self.scaling.apply(seen)).collect();
         plan.write("observations", &scaled);
-        let action = match mode {
-            Mode::Train => {
-                plan.run_seeded("draw", &mut self.state, rng.next_u64());
-                "drawn"
-            }
-            Mode::Evaluate => {
-                plan.run("choose", &mut self.state);
-                "chosen"
-            }
-        };
+        let action = acting::actions(plan, mode, &mut self.state, rng);
         let n_steps = self.schedule.n_steps();
-        allocation::actions(plan.entries(action), self.shares.len(), n_steps)
+        allocation::actions(action, self.shares.len(), n_steps)
     }
 
     fn learn(
@@ -338,9 +328,10 @@ impl Agent for Ddpg {
 
     fn plan(&mut self) -> Option<String> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
-        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
+        let plan = plan_of(&mut self.learning, config.batch_size, widths, |batch| {
             learner.update(batch, config);
-        })
+        });
+        Some(plan.graph().to_string())
     }
 
     checkpoint::keeps!(NAME);
@@ -365,6 +356,7 @@ mod tests {
     use crate::shared::{bandit, gradient_checks::outputs};
     use contract::random::stream;
     use plan::{Equations, Processor};
+    use rand::RngCore;
 
     fn tiny() -> Config {
         Config {

@@ -25,8 +25,8 @@
 //! (`-mean(log pi)` of the candidate), `temperature`, `mean_value`.
 
 use crate::shared::{
-    allocation,
-    batch::{BatchInputs, plan_text},
+    acting, allocation,
+    batch::plan_of,
     checkpoint,
     replay::Replay,
     scaling::{ObservationScaling, Scaling},
@@ -41,6 +41,7 @@ use contract::{
 };
 use numerics::{
     activation::Activation,
+    equations::network::Network,
     policy_file::{Head, Policy, Ports},
 };
 use plan::{Plans, State};
@@ -229,7 +230,17 @@ impl GaussianSoftmaxSac {
         let sizes = config.sizes(scaling.n_channels(), shares.len());
         let (set, settings) = (ActionSet::Simplex, config.settings(shares.len()));
         let (mut state, first_temperature) = (State::default(), config.first_temperature);
-        let learner = SoftLearner::new("", set, sizes, first_temperature, settings, &mut state, rng);
+        let initialise =
+            |network: &Network, gain, state: &mut State<f32>| network.initialise(gain, state, rng);
+        let learner = SoftLearner::new(
+            "",
+            set,
+            sizes,
+            first_temperature,
+            settings,
+            &mut state,
+            initialise,
+        );
         Ok(Self {
             replay: Replay::new(config.replay_capacity, sizes.seen, sizes.done, 1),
             learner,
@@ -246,10 +257,8 @@ impl GaussianSoftmaxSac {
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let batch = self.replay.draw(self.config.batch_size, rng);
         let (learner, widths) = (&self.learner, self.replay.widths());
-        let plan = self.learning.of_rows(batch.n_rows, |equations| {
-            let batch = BatchInputs::new(equations, batch.n_rows, widths);
-            equations.routine("update");
-            learner.update(batch);
+        let plan = plan_of(&mut self.learning, batch.n_rows, widths, |batch| {
+            learner.update(batch, |all| all);
         });
         batch.write(plan);
         plan.run_seeded("update", &mut self.state, rng.next_u64());
@@ -267,24 +276,10 @@ impl Agent for GaussianSoftmaxSac {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
         let (learner, shape) = (&self.learner, [observations.len(), self.scaling.n_channels()]);
         let plan = self.acting.of_rows(observations.len(), |equations| {
-            let observations = equations.input("observations", shape);
-            equations.routine("draw");
-            equations.output("drawn", learner.drawn(observations));
-            equations.routine("choose");
-            equations.output("chosen", learner.chosen(observations));
+            learner.act(equations.input("observations", shape));
         });
         plan.write("observations", &self.scaling.rows(observations));
-        let shares = match mode {
-            Mode::Train => {
-                plan.run_seeded("draw", &mut self.state, rng.next_u64());
-                "drawn"
-            }
-            Mode::Evaluate => {
-                plan.run("choose", &mut self.state);
-                "chosen"
-            }
-        };
-        let shares = plan.entries(shares);
+        let shares = acting::actions(plan, mode, &mut self.state, rng);
         allocation::actions(shares, self.shares.len(), self.schedule.n_steps())
     }
 
@@ -313,10 +308,10 @@ impl Agent for GaussianSoftmaxSac {
 
     fn plan(&mut self) -> Option<String> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
-        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
-            batch.observations.equations().routine("update");
-            learner.update(batch);
-        })
+        let plan = plan_of(&mut self.learning, config.batch_size, widths, |batch| {
+            learner.update(batch, |all| all);
+        });
+        Some(plan.graph().to_string())
     }
 
     checkpoint::keeps!(NAME);
@@ -340,6 +335,7 @@ mod tests {
     use super::*;
     use crate::shared::{
         bandit,
+        batch::BatchInputs,
         gradient_checks::{assert_gradient, outputs},
         soft_learner::joined,
     };

@@ -109,8 +109,8 @@ impl Multiplier {
 }
 
 impl Multiplier {
-    /// A transposed factor times one column: the chains of all entries side by side, since the entries of the factor that
-    /// meet one entry of the column are neighbours.
+    /// A transposed factor times one column: the chains of all entries side by side, since the entries of the
+    /// factor that meet one entry of the column are neighbours.
     fn column(&mut self, a: Matrix, b: &Packed, c: &mut [f32]) {
         c.fill(0.0);
         if a.rows == 0 {

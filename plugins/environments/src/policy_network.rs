@@ -1,5 +1,4 @@
-//! A network that another trial left as `policy.safetensors`, evaluated in plain double precision, so that
-//! environments need no tensor library.
+//! A network that another trial left as `policy.safetensors`, evaluated in plain double precision.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|

@@ -116,8 +116,8 @@ fn form(config: &Config, interface: &Interface) -> Result<NetworkSizes, Error> {
     })
 }
 
-/// The cross entropy of images and answers `[batch, classes]`, 1 for the right class and 0 for the others, that a caller
-/// writes as `images` and `answers`.
+/// The cross entropy of images and answers `[batch, classes]`, 1 for the right class and 0 for the others, that
+/// a caller writes as `images` and `answers`.
 fn cross_entropy(form: NetworkSizes, equations: &Equations, n_images: usize) -> Expression<'_> {
     let images = form.images(equations, n_images);
     let answers = equations.input("answers", [n_images, form.classes]);

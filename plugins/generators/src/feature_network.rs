@@ -65,8 +65,8 @@ impl NetworkSizes {
     }
 }
 
-/// One part of the network: its name in files and in the state, its shape in files, and the numbers that enter an output
-/// with the gain of what follows; none for a bias.
+/// One part of the network: its name in files and in the state, its shape in files, and the numbers that enter
+/// an output with the gain of what follows; none for a bias.
 struct Part {
     name: String,
     shape: Vec<usize>,

@@ -120,21 +120,6 @@ impl Graph {
                     self.compute(Operation::Map(Function::Repeat), vec![gradient], shape),
                 )]
             }
-            Operation::Join => self.through_join(&operands, gradient, depends),
-            Operation::Columns { first } => {
-                vec![(x, self.compute(Operation::Place { first }, vec![gradient], shape))]
-            }
-            Operation::Place { first } => vec![(x, self.columns(gradient, first..first + shape[1]))],
-            Operation::Gather if is_needed(0) => {
-                vec![(
-                    x,
-                    self.compute(Operation::Scatter, vec![gradient, operands[1]], shape),
-                )]
-            }
-            Operation::Scatter if is_needed(0) => vec![(x, self.gather(gradient, operands[1]))],
-            Operation::Reshape => vec![(x, self.reshape(gradient, shape))],
-            Operation::RepeatRows { times } => vec![(x, self.sum_groups(gradient, times))],
-            Operation::SumGroups { size } => vec![(x, self.repeat_rows(gradient, size))],
             Operation::LogGamma { .. } => {
                 let slope = self.compute(Operation::LogGammaSlope, vec![x, value], shape);
                 vec![(x, self.mul(gradient, slope))]
@@ -144,6 +129,35 @@ impl Graph {
                 self.through_extension(&extension, &operands, [value, gradient], depends)
             }
             Operation::LogGammaSlope => panic!("no gradient passes through {}", self.shown(value)),
+            _ => self.through_move(&operation, &operands, gradient, depends),
+        }
+    }
+
+    /// Gradients of the operands of an operation that moves entries; none for all others.
+    fn through_move(
+        &mut self,
+        operation: &Operation,
+        operands: &[Value],
+        gradient: Value,
+        depends: &[bool],
+    ) -> Vec<(Value, Value)> {
+        let (x, shape) = (operands[0], self.shape(operands[0]));
+        match *operation {
+            Operation::Join => self.through_join(operands, gradient, depends),
+            Operation::Columns { first } => {
+                vec![(x, self.compute(Operation::Place { first }, vec![gradient], shape))]
+            }
+            Operation::Place { first } => vec![(x, self.columns(gradient, first..first + shape[1]))],
+            Operation::Gather if depends[x.0] => {
+                vec![(
+                    x,
+                    self.compute(Operation::Scatter, vec![gradient, operands[1]], shape),
+                )]
+            }
+            Operation::Scatter if depends[x.0] => vec![(x, self.gather(gradient, operands[1]))],
+            Operation::Reshape => vec![(x, self.reshape(gradient, shape))],
+            Operation::RepeatRows { times } => vec![(x, self.sum_groups(gradient, times))],
+            Operation::SumGroups { size } => vec![(x, self.repeat_rows(gradient, size))],
             // Leaves have no operands, and no gradient passes through the others.
             _ => Vec::new(),
         }

@@ -25,11 +25,11 @@
 //! | [`differences`] | gradients against finite differences, for tests |
 //!
 //! One update of soft actor-critic (`examples/soft_actor_critic.rs`: two hidden layers of 256, a batch of 256) takes
-//! 5.3 ms at best and 5.8 to 7.8 ms on average on one core of a Xeon with AVX-512 that other programs use too, 90 % of it
-//! in products.
+//! 5.3 ms at best and 5.8 to 7.8 ms on average on one core of a Xeon with AVX-512 that other programs use too,
+//! 90 % of it in products.
 //!
-//! A plan makes no data-dependent choices of operations. Its random numbers depend on the seed of the run, on the draw's
-//! place in the routine and on the entry: not on the number of rows.
+//! A plan makes no data-dependent choices of operations. Its random numbers depend on the seed of the run, on
+//! the draw's place in the routine and on the entry: not on the number of rows.
 
 pub mod build;
 pub mod differences;

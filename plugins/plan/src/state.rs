@@ -3,7 +3,7 @@
 
 use crate::graph::Shape;
 use crate::scalar::Scalar;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A state that does not fit.
@@ -179,6 +179,17 @@ impl<T: Scalar> State<T> {
     #[must_use]
     pub fn counts(&self) -> &BTreeMap<String, u64> {
         &self.counts
+    }
+
+    /// Takes all optimisers out: their moments and their numbers of steps.
+    pub fn forget_optimisers(&mut self) {
+        let moments: BTreeSet<String> = self
+            .counts
+            .keys()
+            .flat_map(|parameter| [format!("{parameter}.first"), format!("{parameter}.second")])
+            .collect();
+        self.tensors.retain(|tensor| !moments.contains(&tensor.name));
+        self.counts.clear();
     }
 
     /// Replaces the numbers of steps.

@@ -4,8 +4,8 @@ use contract::{Channel, Choice, Error, Seat, Space, choice};
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// Largest excess of an entry of an action over -1 and 1 that is accepted: squashing functions in single precision round to just
-/// beyond.
+/// Largest excess of an entry of an action over -1 and 1 that is accepted: squashing functions in single
+/// precision round to just beyond.
 const ROUNDING: f64 = 1e-6;
 
 /// The first answer of a server of environments: its shared memory, seats and metrics.

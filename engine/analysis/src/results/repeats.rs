@@ -27,8 +27,8 @@ pub enum Programs {
     OnlyLacking,
 }
 
-/// Sentences on the programs that are shown, one for each answer; `printed` gives the name under which an agent is shown,
-/// if it is.
+/// Sentences on the programs that are shown, one for each answer; `printed` gives the name under which an agent
+/// is shown, if it is.
 #[must_use]
 pub fn sentences(
     all: &[RepeatCheck],

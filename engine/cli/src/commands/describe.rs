@@ -2,11 +2,12 @@
 
 use super::{Common, Format, say};
 use crate::describe::{self, FORMAT, FitOptions, Group, markdown, text};
+use clap::Args;
 use contract::{Error, Registry};
 use execution::{store::write_durably, world::fs};
 use serde_json::{Value, json};
 use session::{Exit, Failure};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Lists names with a line each.
 pub(super) fn list(registry: &Registry, group: Option<Group>, common: &Common) -> Result<Exit, Failure> {
@@ -38,13 +39,45 @@ pub(super) fn list(registry: &Registry, group: Option<Group>, common: &Common) -
     Ok(Exit::Ok)
 }
 
-/// Describes what has a name; without one, says what can be described.
-pub(super) fn describe(
-    registry: &Registry,
-    name: Option<&str>,
+/// Options of `describe`.
+#[derive(Debug, Args)]
+pub(super) struct DescribeOptions {
+    /// An environment, agent, protocol, kind of table or figure, section of a study, sampler, relation,
+    /// aggregate, artifact or executor; what there is, where absent.
+    name: Option<String>,
+    /// Say besides which agents or environments do not fit, and why.
+    #[arg(long)]
     why: bool,
+    /// Print instead the operations of one update of the agent in this environment, with defaults of both: their
+    /// order, shapes, number and memory traffic.
+    #[arg(long, value_name = "ENVIRONMENT", requires = "name", conflicts_with = "why")]
+    plan: Option<String>,
+    /// Write the reference into a folder instead: a Markdown page for each group of names.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["name", "why"])]
+    pages: Option<PathBuf>,
+}
+
+/// Describes what has a name, prints a plan, or writes the reference.
+pub(super) fn answer(
+    registry: &Registry,
+    options: &DescribeOptions,
     common: &Common,
 ) -> Result<Exit, Failure> {
+    let DescribeOptions {
+        name,
+        why,
+        plan,
+        pages,
+    } = options;
+    match (pages, name, plan) {
+        (Some(folder), ..) => write_pages(registry, folder),
+        (_, Some(agent), Some(environment)) => print_plan(registry, agent, environment),
+        _ => describe(registry, name.as_deref(), *why, common),
+    }
+}
+
+/// Describes what has a name; without one, says what can be described.
+fn describe(registry: &Registry, name: Option<&str>, why: bool, common: &Common) -> Result<Exit, Failure> {
     let Some(name) = name else {
         say(&match common.format {
             Format::Text => text::overview(registry),
@@ -61,7 +94,7 @@ pub(super) fn describe(
 }
 
 /// Prints the plan of one update of an agent in an environment, with the defaults of both.
-pub(super) fn plan(registry: &Registry, agent: &str, environment: &str) -> Result<Exit, Failure> {
+fn print_plan(registry: &Registry, agent: &str, environment: &str) -> Result<Exit, Failure> {
     let unknown = |group: Group, name: &str| {
         let help = format!("`regimen list {}` lists them", group.word());
         Failure::refusal(format!(
@@ -78,7 +111,11 @@ pub(super) fn plan(registry: &Registry, agent: &str, environment: &str) -> Resul
     let interface = (world.build)(&world.about.defaults)?.interface();
     let mut rng = contract::random::stream(&["plan"]);
     let plan = (learner.build)(&learner.about.defaults, &interface, &mut rng)?.plan();
-    say(&plan.ok_or_else(|| Failure::refusal(format!("`{agent}` does not learn by a plan of operations")))?);
+    let none = || {
+        let why = "it does not learn from batches of its own by a plan of operations";
+        Failure::refusal(format!("`{agent}` has no plan to print: {why}"))
+    };
+    say(&plan.ok_or_else(none)?);
     Ok(Exit::Ok)
 }
 
@@ -89,7 +126,7 @@ fn groups(registry: &Registry) -> Value {
 }
 
 /// Writes the reference, a page for each group of names.
-pub(super) fn write_pages(registry: &Registry, folder: &Path) -> Result<Exit, Failure> {
+fn write_pages(registry: &Registry, folder: &Path) -> Result<Exit, Failure> {
     fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
     for page in markdown::pages(registry) {
         write_durably(&folder.join(&page.file), page.text.as_bytes())?;

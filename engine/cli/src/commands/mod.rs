@@ -156,21 +156,7 @@ enum Verb {
         group: Option<crate::describe::Group>,
     },
     /// Say what something is that a study may name: its keys with defaults, units and sources, and an example.
-    Describe {
-        /// An environment, agent, protocol, kind of table or figure, section of a study, sampler, relation,
-        /// aggregate, artifact or executor; what there is, where absent.
-        name: Option<String>,
-        /// Say besides which agents or environments do not fit, and why.
-        #[arg(long)]
-        why: bool,
-        /// Print instead the operations of one update of the agent in this environment, with defaults of both: their
-        /// order, shapes, number and memory traffic.
-        #[arg(long, value_name = "ENVIRONMENT", requires = "name", conflicts_with = "why")]
-        plan: Option<String>,
-        /// Write the reference into a folder instead: a Markdown page for each group of names.
-        #[arg(long, value_name = "DIR", conflicts_with_all = ["name", "why"])]
-        pages: Option<PathBuf>,
-    },
+    Describe(describe::DescribeOptions),
     /// Write a first study with comments, to be changed.
     New(new::NewOptions),
     /// Print the JSON Schema of a study, with the parameters of all plugins.
@@ -278,15 +264,7 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<Exit, Fail
         Verb::Resolve(studies) => check::resolve(registry, &studies, common),
         Verb::Rollout(options) => rollout::rollout(registry, &options, common),
         Verb::List { group } => describe::list(registry, group, common),
-        Verb::Describe {
-            pages: Some(folder), ..
-        } => describe::write_pages(registry, &folder),
-        Verb::Describe {
-            name: Some(agent),
-            plan: Some(environment),
-            ..
-        } => describe::plan(registry, &agent, &environment),
-        Verb::Describe { name, why, .. } => describe::describe(registry, name.as_deref(), why, common),
+        Verb::Describe(options) => describe::answer(registry, &options, common),
         Verb::New(options) => new::new(registry, &options),
         Verb::Schema => describe::schema(registry),
         Verb::Completions { shell } => shell::completions(registry, shell),

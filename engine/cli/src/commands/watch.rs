@@ -148,8 +148,8 @@ struct Watching<'a> {
 }
 
 impl Watching<'_> {
-    /// The trials as they are now. Studies whose trials depend on results are planned again from time to time; as long as one
-    /// cannot be read, because it is being edited, the last plan holds.
+    /// The trials as they are now. Studies whose trials depend on results are planned again from time to time;
+    /// as long as one cannot be read, because it is being edited, the last plan holds.
     fn look(&mut self) -> View {
         let grows = |one: &Planned| one.study.design.is_some() || !one.study.searches.is_empty();
         if self.looks > 0 && self.looks.is_multiple_of(LOOKS_PER_PLAN) && self.planned.iter().any(grows) {

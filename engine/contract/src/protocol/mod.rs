@@ -1,8 +1,8 @@
 //! Protocols: how one trial runs.
 //!
 //! A protocol implements [`Protocol`] and is registered like any other plugin. Its parts stand here: [`measure`] runs a
-//! [`Measurement`], [`measure_alone`] runs those of an agent that does not learn, [`observe`] makes an observation, and a
-//! [`Position`] says where to go on.
+//! [`Measurement`], [`measure_alone`] runs those of an agent that does not learn, [`observe`] makes an
+//! observation, and a [`Position`] says where to go on.
 
 mod evaluation;
 mod going_on;

@@ -8,7 +8,8 @@
 //! - An [`Executor`] defines a task and writes the text that is handed over for it.
 //! - Where it has a [`Queue`], [`Dispatch`] keeps as many tasks in it as the missing trials are worth, and
 //!   waits.
-//! - [`all`] is the list of executors, to which other crates add theirs by [`RegisterExecutor`]; [`slurm`] and [`hyperqueue`] have queues, [`kubernetes`] writes a manifest and
+//! - [`all`] is the list of executors, to which other crates add theirs by [`RegisterExecutor`]; [`slurm`] and
+//!   [`hyperqueue`] have queues, [`kubernetes`] writes a manifest and
 //!   starts nothing, and [`ssh`] names hosts whose trials the scheduler of this machine runs itself.
 //!
 //! A [`Submission`] is identified by a name of our own, which the jobs carry. A queue may give a job id again

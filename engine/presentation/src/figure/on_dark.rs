@@ -18,8 +18,8 @@ const PALE: Rgb = (0xe6, 0xe7, 0xe9);
 /// Least contrast of a line with its paper, as the ratio that WCAG 2.1 defines.
 const CONTRAST: f64 = 4.5;
 
-/// Ground under the marks of a chart, which decides the changes on a dark page; a chart has the last ground of its series in
-/// this order.
+/// Ground under the marks of a chart, which decides the changes on a dark page; a chart has the last ground of
+/// its series in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ground {

@@ -48,7 +48,8 @@ pub struct RequestText {
     /// claim that compares trained agents is judged: NOT LEARNED.
     #[schemars(extend("x-kind" = "agent"))]
     pub floors: Fitting<Vec<String>>,
-    /// Which difference matters for claims of a direction without `min_effect`: a share of the range from floor to bound.
+    /// Which difference matters for claims of a direction without `min_effect`: a share of the range from floor
+    /// to bound.
     pub relevance: Fitting<Relevance>,
     /// Tables by name.
     #[schemars(with = "BTreeMap<String, TableSpec>", extend("propertyNames" = json!({ "pattern": SLUG })))]

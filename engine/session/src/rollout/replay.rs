@@ -1,8 +1,8 @@
 //! An episode of a stored trial's final measurement, played again as it was scored.
 //!
-//! The measurement itself runs again, all episodes of a block side by side, since a network rounds
-//! differently for another number of rows; one environment is watched. So the actions are those that were
-//! scored, to the bit, on the same kind of processor.
+//! The measurement itself runs again, all episodes of a block side by side, since a network of a
+//! program may round differently for another number of rows; one environment is watched. So the actions are those that
+//! were scored, to the bit.
 
 use super::columns::Columns;
 use contract::{

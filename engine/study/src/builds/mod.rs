@@ -63,7 +63,8 @@ impl ProtocolMetrics {
         }
     }
 
-    /// Whether an agent that learns may run under the protocol: the feed teaches the agent, or nothing is given. A protocol of examples measures by them, too, so its feed counts even then.
+    /// Whether an agent that learns may run under the protocol: the feed teaches the agent, or nothing is
+    /// given. A protocol of examples measures by them, too, so its feed counts even then.
     fn teaches(&self, entry: &AgentEntry) -> bool {
         let gives_nothing = self.experience == 0 && self.feed != Feed::Examples;
         gives_nothing || self.feed.teaches(&entry.traits.learns_from)

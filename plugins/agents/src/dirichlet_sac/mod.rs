@@ -39,8 +39,8 @@ mod policy_graph;
 pub use config::{ActionScaling, Config, EvaluationAction, NetworkKind, TargetEntropy};
 
 use crate::shared::{
-    allocation,
-    batch::{Batch, BatchInputs, plan_text},
+    acting, allocation,
+    batch::{Batch, BatchInputs, plan_of},
     bellman::{Weight, bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     replay::Replay,
@@ -204,9 +204,7 @@ impl DirichletSac {
 
     fn improve(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
-        let plan = self.learning.of_rows(batch.n_rows, |equations| {
-            let batch = BatchInputs::new(equations, batch.n_rows, widths);
-            equations.routine("update");
+        let plan = plan_of(&mut self.learning, batch.n_rows, widths, |batch| {
             learner.update(batch, config);
         });
         batch.write(plan);
@@ -275,9 +273,10 @@ impl Learner {
         equations.output("chosen", weights);
     }
 
-    /// One update of critics, policy, temperature and target critics.
+    /// The routine `update` of critics, policy, temperature and target critics.
     fn update(&self, batch: BatchInputs<'_>, config: &Config) {
         let equations = batch.observations.equations();
+        equations.routine("update");
         let adam = |rate, first_rate| Descent::adam(rate, first_rate, config.gradient_clip);
         let target = self.soft_target(batch, config);
         let loss = self.critic_loss(batch, target);
@@ -381,17 +380,7 @@ impl Agent for DirichletSac {
             learner.act(equations.input("observations", shape), evaluation);
         });
         plan.write("observations", &self.scaling.rows(observations));
-        let weights = match mode {
-            Mode::Train => {
-                plan.run_seeded("draw", &mut self.state, rng.next_u64());
-                "drawn"
-            }
-            Mode::Evaluate => {
-                plan.run("choose", &mut self.state);
-                "chosen"
-            }
-        };
-        let weights = plan.entries(weights);
+        let weights = acting::actions(plan, mode, &mut self.state, rng);
         allocation::actions(weights, self.shares.len(), self.schedule.n_steps())
     }
 
@@ -420,10 +409,10 @@ impl Agent for DirichletSac {
 
     fn plan(&mut self) -> Option<String> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
-        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
-            batch.observations.equations().routine("update");
+        let plan = plan_of(&mut self.learning, config.batch_size, widths, |batch| {
             learner.update(batch, config);
-        })
+        });
+        Some(plan.graph().to_string())
     }
 
     checkpoint::keeps!(NAME);

@@ -34,7 +34,8 @@ mod tests;
 pub use config::{Config, Temperature};
 
 use crate::shared::{
-    batch::BatchInputs,
+    acting,
+    batch::{BatchInputs, plan_of},
     checkpoint,
     joint::{JointLayout, ObservationScope},
     replay::Replay,
@@ -45,7 +46,10 @@ use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
-use numerics::policy_file::{Head, Policy, Ports};
+use numerics::{
+    equations::network::Network,
+    policy_file::{Head, Policy, Ports},
+};
 use plan::{Equations, Expression, Plans, State};
 use rand::RngCore;
 use std::{ops::Range, path::Path};
@@ -135,7 +139,17 @@ impl IndependentSac {
             let (prefix, settings) = (format!("seat_{seat}."), config.settings(sizes.done));
             let first_temperature = config.first_temperature;
             let set = ActionSet::Box;
-            SoftLearner::new(&prefix, set, sizes, first_temperature, settings, &mut state, rng)
+            let initialise =
+                |network: &Network, gain, state: &mut State<f32>| network.initialise(gain, state, rng);
+            SoftLearner::new(
+                &prefix,
+                set,
+                sizes,
+                first_temperature,
+                settings,
+                &mut state,
+                initialise,
+            )
         };
         Ok(Self {
             seats: Seats {
@@ -160,11 +174,7 @@ impl IndependentSac {
             if self.config.reward_normalisation {
                 self.replay.standardise_rewards(&mut batch);
             }
-            let plan = plans.of_rows(n_rows, |equations| {
-                let inputs = BatchInputs::new(equations, n_rows, widths);
-                equations.routine("update");
-                seats.learners[seat].update(seats.part(seat, inputs));
-            });
+            let plan = plan_of(plans, n_rows, widths, |batch| seats.update(seat, batch));
             batch.write(plan);
             plan.run_seeded("update", &mut self.state, rng.next_u64());
             soft_learner::record(plan, self.schedule.n_steps(), record)?;
@@ -189,6 +199,11 @@ impl Seats {
             next_observations: batch.next_observations.columns(self.seen(seat)),
             continues: batch.continues,
         }
+    }
+
+    /// The update of one seat.
+    fn update(&self, seat: usize, batch: BatchInputs<'_>) {
+        self.learners[seat].update(batch, |all| self.part(seat, all));
     }
 
     /// Joint actions, drawn and most likely ones.
@@ -216,17 +231,8 @@ impl Agent for IndependentSac {
             .acting
             .of_rows(n_rows, |equations| seats.act(equations, n_rows));
         plan.write("observations", &seats.layout.observation_rows(observations));
-        let action = match mode {
-            Mode::Train => {
-                plan.run_seeded("draw", &mut self.state, rng.next_u64());
-                "drawn"
-            }
-            Mode::Evaluate => {
-                plan.run("choose", &mut self.state);
-                "chosen"
-            }
-        };
-        let joint = plan.entries(action);
+        let action = acting::actions(plan, mode, &mut self.state, rng);
+        let joint = action;
         seats.layout.actions(joint, self.schedule.n_steps())
     }
 
@@ -251,6 +257,15 @@ impl Agent for IndependentSac {
             self.update(rng, record)?;
         }
         Ok(())
+    }
+
+    fn plan(&mut self) -> Option<String> {
+        let (seats, n_rows, widths) = (&self.seats, self.config.batch_size, self.replay.widths());
+        let of_seats = self.learning.iter_mut().enumerate().map(|(seat, plans)| {
+            let plan = plan_of(plans, n_rows, widths, |batch| seats.update(seat, batch));
+            format!("{}: {}", seats.layout.seats()[seat], plan.graph())
+        });
+        Some(of_seats.collect())
     }
 
     checkpoint::keeps!(NAME);

@@ -134,10 +134,11 @@ fn a_step_of_the_policy_reaches_no_critic_and_no_other_seat() {
     });
     let (learners, mut after) = (&agent.seats.learners, agent.state.clone());
     let equations = Equations::new();
-    learners[1].update(write(&agent, &equations));
+    let all = BatchInputs::new(&equations, 8, agent.replay.widths());
+    agent.seats.update(1, all);
     let mut processor = Processor::new(equations.into_graph());
     batch.write(&mut processor);
-    processor.run_seeded("loss", &mut after, 3);
+    processor.run_seeded("update", &mut after, 3);
     let changed = |network| changes(network, &agent.state, &after);
     assert!(changed(&learners[1].policy).iter().all(|changed| *changed));
     let [own, other] = [1, 0].map(|seat| &learners[seat]);

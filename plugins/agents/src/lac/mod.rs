@@ -52,7 +52,8 @@ mod tests;
 pub use config::{ClacConfig, Config, SmoothnessNorm};
 
 use crate::shared::{
-    batch::{BatchInputs, plan_text},
+    acting,
+    batch::plan_of,
     box_seat::BoxSeat,
     checkpoint::{self, finite},
     schedule::UpdateSchedule,
@@ -197,8 +198,8 @@ impl LyapunovActorCritic {
         self.decline();
         let (learner, config, widths) = (&self.learner, &self.config, self.memory.widths());
         let batch = self.memory.sample(config.batch_size, rng);
-        let plan = self.learning.of_rows(batch.n_rows, |equations| {
-            learner.update(BatchInputs::new(equations, batch.n_rows, widths), config);
+        let plan = plan_of(&mut self.learning, batch.n_rows, widths, |batch| {
+            learner.update(batch, config);
         });
         batch.write(plan);
         plan.run_seeded("update", &mut self.state, rng.next_u64());
@@ -266,17 +267,8 @@ impl Agent for LyapunovActorCritic {
             learner.act(equations.input("observations", shape));
         });
         plan.write("observations", &seen);
-        let action = match mode {
-            Mode::Train => {
-                plan.run_seeded("draw", &mut self.state, rng.next_u64());
-                "drawn"
-            }
-            Mode::Evaluate => {
-                plan.run("choose", &mut self.state);
-                "chosen"
-            }
-        };
-        self.seat.actions(plan.entries(action), self.schedule.n_steps())
+        let action = acting::actions(plan, mode, &mut self.state, rng);
+        self.seat.actions(action, self.schedule.n_steps())
     }
 
     fn learn(
@@ -304,9 +296,10 @@ impl Agent for LyapunovActorCritic {
 
     fn plan(&mut self) -> Option<String> {
         let (learner, config, widths) = (&self.learner, &self.config, self.memory.widths());
-        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
+        let plan = plan_of(&mut self.learning, config.batch_size, widths, |batch| {
             learner.update(batch, config);
-        })
+        });
+        Some(plan.graph().to_string())
     }
 
     fn updates(&self) -> Option<Updates> {

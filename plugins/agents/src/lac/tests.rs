@@ -5,6 +5,7 @@ use super::networks::value;
 use super::*;
 use crate::shared::{
     batch::Batch,
+    batch::BatchInputs,
     coordination,
     gradient_checks::{assert_gradient, outputs},
     regulator::{self, Plants},

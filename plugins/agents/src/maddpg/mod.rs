@@ -44,7 +44,7 @@ pub use exploration::Noise;
 use exploration::Exploration;
 
 use crate::shared::{
-    batch::{Batch, BatchInputs, plan_text},
+    batch::{Batch, BatchInputs, plan_of},
     bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     joint::JointLayout,
@@ -162,8 +162,8 @@ impl Maddpg {
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
         let n_rows = config.batch_size.min(self.replay.len());
-        let plan = self.learning.of_rows(n_rows, |equations| {
-            learner.update(BatchInputs::new(equations, n_rows, widths), config);
+        let plan = plan_of(&mut self.learning, n_rows, widths, |batch| {
+            learner.update(batch, config);
         });
         for seat in 0..widths.seats {
             drawn(&self.replay, n_rows, config, rng).write(plan);
@@ -373,9 +373,10 @@ impl Agent for Maddpg {
 
     fn plan(&mut self) -> Option<String> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
-        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
+        let plan = plan_of(&mut self.learning, config.batch_size, widths, |batch| {
             learner.update(batch, config);
-        })
+        });
+        Some(plan.graph().to_string())
     }
 
     checkpoint::keeps!(NAME; counters: exploration);

@@ -51,7 +51,7 @@ pub use config::{Config, EvaluationAction};
 use seat::Seat;
 
 use crate::shared::{
-    batch::{Batch, BatchInputs, plan_text},
+    batch::{Batch, BatchInputs, plan_of},
     bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     joint::JointLayout,
@@ -163,8 +163,8 @@ impl Masql {
         let temperature = self.temperature();
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
         let n_rows = config.batch_size.min(self.replay.len());
-        let plan = self.learning.of_rows(n_rows, |equations| {
-            learner.update(BatchInputs::new(equations, n_rows, widths), config);
+        let plan = plan_of(&mut self.learning, n_rows, widths, |batch| {
+            learner.update(batch, config);
         });
         plan.write("temperature", &[temperature as f32]);
         for seat in 0..widths.seats {
@@ -329,9 +329,10 @@ impl Agent for Masql {
 
     fn plan(&mut self) -> Option<String> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
-        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
+        let plan = plan_of(&mut self.learning, config.batch_size, widths, |batch| {
             learner.update(batch, config);
-        })
+        });
+        Some(plan.graph().to_string())
     }
 
     checkpoint::keeps!(NAME);

@@ -86,15 +86,14 @@ impl<'e> BatchInputs<'e> {
     }
 }
 
-/// The plan for a batch as text, with the equations that `write` writes where they are not compiled yet.
-pub fn plan_text(
+/// The plan for a batch of so many rows, with the equations that `write` writes where they are not compiled yet.
+pub fn plan_of(
     plans: &mut Plans,
     n_rows: usize,
     widths: BatchWidths,
     write: impl FnOnce(BatchInputs<'_>),
-) -> Option<String> {
-    let plan = plans.of_rows(n_rows, |equations| {
+) -> &mut Processor<f32> {
+    plans.of_rows(n_rows, |equations| {
         write(BatchInputs::new(equations, n_rows, widths));
-    });
-    Some(plan.graph().to_string())
+    })
 }

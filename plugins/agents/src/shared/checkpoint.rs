@@ -41,9 +41,9 @@ pub fn read<C: DeserializeOwned>(agent: &'static str, dir: &Path) -> Result<(Ten
     Ok((file, counters))
 }
 
-/// Implements `updates`, `save` and `load` for a learner that trains from a replay buffer by a schedule. The learner has
-/// the fields `state`, `replay` and `schedule`, a `config` with `learning_starts` and `updates_per_step`, and the
-/// counters that are listed.
+/// Implements `updates`, `save` and `load` for a learner that trains from a replay buffer by a schedule. The
+/// learner has the fields `state`, `replay` and `schedule`, a `config` with `learning_starts` and
+/// `updates_per_step`, and the counters that are listed.
 macro_rules! keeps {
     ($name:expr $(; counters: $($counter:ident),+)?) => {
         fn updates(&self) -> Option<Updates> {

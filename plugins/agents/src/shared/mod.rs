@@ -1,6 +1,7 @@
 //! Components that several agents share: buffers, checkpoints, schedules, layouts of seats, and the frame of
 //! the algorithms with opponent models.
 
+pub mod acting;
 pub mod allocation;
 #[cfg(test)]
 pub(crate) mod bandit;

@@ -25,7 +25,6 @@ use numerics::equations::{
     squashed::{self, Correction, Draw},
 };
 use plan::{Descent, Expression, Processor, State};
-use rand::RngCore;
 
 /// Set of actions, by which the head of the policy becomes an action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -104,8 +103,8 @@ impl ActionSet {
 }
 
 impl SoftLearner {
-    /// Adds the parameters of a learner to a state, with names that begin with `prefix`: those of the policy, then of
-    /// both critics.
+    /// Adds the parameters of a learner to a state, with names that begin with `prefix`. `initialise` adds a
+    /// network with the gain of its last layer: the policy, then both critics.
     pub fn new(
         prefix: &str,
         actions: ActionSet,
@@ -113,16 +112,16 @@ impl SoftLearner {
         first_temperature: f64,
         settings: Settings,
         state: &mut State<f32>,
-        rng: &mut impl RngCore,
+        mut initialise: impl FnMut(&Network, f64, &mut State<f32>),
     ) -> Self {
         let Sizes { seen, done, .. } = sizes;
         let name = |network: &str| format!("{prefix}{network}");
         let policy = sizes.policy.network(name("policy"), seen, 2 * done);
-        policy.initialise(sizes.output_gain, state, rng);
+        initialise(&policy, sizes.output_gain, state);
         let critics = ["first", "second"].map(|which| {
             let name = name(&format!("critics.{which}"));
             let critic = sizes.critics.network(name, seen + done, 1);
-            critic.initialise(1.0, state, rng);
+            initialise(&critic, 1.0, state);
             critic
         });
         let target_critics = ["first", "second"].map(|which| name(&format!("target_critics.{which}")));
@@ -162,9 +161,21 @@ impl SoftLearner {
         self.actions.mean_action(self.policy.apply(observations))
     }
 
-    /// One update of critics, policy, temperature and target critics, with the outputs that [`record`] reads.
-    pub fn update(&self, batch: BatchInputs<'_>) {
+    /// The routines `draw` and `choose` with the outputs `drawn` and `chosen`, `[rows, done]` each.
+    pub fn act(&self, observations: Expression<'_>) {
+        let equations = observations.equations();
+        equations.routine("draw");
+        equations.output("drawn", self.drawn(observations));
+        equations.routine("choose");
+        equations.output("chosen", self.chosen(observations));
+    }
+
+    /// The routine `update` of critics, policy, temperature and target critics, with the outputs that [`record`] reads.
+    /// `part` picks the learner's columns of a batch.
+    pub fn update<'e>(&self, batch: BatchInputs<'e>, part: impl FnOnce(BatchInputs<'e>) -> BatchInputs<'e>) {
         let (equations, settings) = (batch.observations.equations(), &self.settings);
+        equations.routine("update");
+        let batch = part(batch);
         let adam = |rate, first_rate| Descent::adam(rate, first_rate, settings.gradient_clip);
         let loss = self.critic_loss(batch, self.soft_target(batch));
         equations.output("critic_loss", loss);

@@ -39,19 +39,16 @@
 mod tests;
 
 use crate::shared::{
-    batch::BatchInputs,
+    batch::{BatchInputs, plan_of},
     bellman::{bootstrapped, half_squared_error},
-    checkpoint::{self, finite},
+    checkpoint::finite,
     dataset_actor::{ActionSet, ActorSettings, DatasetActor, ScalingSource},
 };
 use contract::{
     Action, Agent, AgentTraits, Error, Feed, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates,
 };
-use numerics::{
-    equations::network::{Network, lower, parameters},
-    tensor_file::TensorFile,
-};
+use numerics::equations::network::{Network, lower, parameters};
 use plan::{Descent, Expression, Plans};
 use rand::RngCore;
 use schemars::JsonSchema;
@@ -130,8 +127,6 @@ pub struct Td3Bc {
     actor: DatasetActor,
     learner: Learner,
     learning: Plans,
-    /// Number of updates of the critics.
-    n_updates: u64,
 }
 
 /// Networks, and the equations by which they learn.
@@ -210,7 +205,6 @@ impl Td3Bc {
             actor,
             learner,
             learning: Plans::default(),
-            n_updates: 0,
         })
     }
 }
@@ -316,7 +310,7 @@ fn clipped_noise(outputs: Expression<'_>, sd: f64, limit: f64) -> Expression<'_>
 
 impl Agent for Td3Bc {
     fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
-        self.actor.act(observations, self.n_updates)
+        self.actor.act(observations)
     }
 
     fn observe_dataset(&mut self, transitions: &[Transition]) -> Result<(), Error> {
@@ -332,17 +326,17 @@ impl Agent for Td3Bc {
     ) -> Result<(), Error> {
         let (actor, learner, config) = (&mut self.actor, &self.learner, &self.config);
         let (batch, widths) = (actor.batch(transitions), actor.widths());
-        let plan = self.learning.of_rows(batch.n_rows, |equations| {
-            learner.update(BatchInputs::new(equations, batch.n_rows, widths), config);
+        let plan = plan_of(&mut self.learning, batch.n_rows, widths, |batch| {
+            learner.update(batch, config);
         });
         batch.write(plan);
         plan.run_seeded("update critics", &mut actor.state, rng.next_u64());
-        let critic_loss = finite("critic_loss", self.n_updates, plan.number("critic_loss"))?;
+        let critic_loss = finite("critic_loss", actor.n_updates, plan.number("critic_loss"))?;
         record.mean("critic_loss", critic_loss);
-        self.n_updates += 1;
-        if self.n_updates.is_multiple_of(config.policy_delay) {
+        actor.n_updates += 1;
+        if actor.n_updates.is_multiple_of(config.policy_delay) {
             plan.run("update policy", &mut actor.state);
-            let policy_loss = finite("policy_loss", self.n_updates, plan.number("policy_loss"))?;
+            let policy_loss = finite("policy_loss", actor.n_updates, plan.number("policy_loss"))?;
             record.mean("policy_loss", policy_loss);
             for metric in ["mean_value", "clone_error"] {
                 record.mean(metric, plan.number(metric));
@@ -352,23 +346,15 @@ impl Agent for Td3Bc {
     }
 
     fn updates(&self) -> Option<Updates> {
-        Some(Updates {
-            made: self.n_updates,
-            first_after: 1,
-        })
+        Some(self.actor.updates())
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
-        let mut file = TensorFile::default();
-        self.actor.store(&mut file);
-        checkpoint::write(NAME, dir, file, &self.n_updates)
+        self.actor.save(dir)
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, n_updates) = checkpoint::read(NAME, dir)?;
-        self.actor.restore(&file).map_err(checkpoint::error_of(NAME))?;
-        self.n_updates = n_updates;
-        Ok(())
+        self.actor.load(dir)
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {

@@ -54,7 +54,7 @@ pub use mixer::MonotonicMixer;
 use team::Team;
 
 use crate::shared::{
-    batch::{BatchInputs, plan_text},
+    batch::{BatchInputs, plan_of},
     bellman::{bootstrapped, half_squared_error},
     checkpoint::{self, finite},
     replay::Replay,
@@ -271,8 +271,8 @@ impl ValueDecomposition {
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
         let n_rows = config.batch_size.min(self.replay.len());
-        let plan = self.learning.of_rows(n_rows, |equations| {
-            learner.update(BatchInputs::new(equations, n_rows, widths), config);
+        let plan = plan_of(&mut self.learning, n_rows, widths, |batch| {
+            learner.update(batch, config);
         });
         self.replay.draw_distinct(n_rows, rng).write(plan);
         plan.run("update", &mut self.state);
@@ -365,9 +365,10 @@ impl Agent for ValueDecomposition {
 
     fn plan(&mut self) -> Option<String> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
-        plan_text(&mut self.learning, config.batch_size, widths, |batch| {
+        let plan = plan_of(&mut self.learning, config.batch_size, widths, |batch| {
             learner.update(batch, config);
-        })
+        });
+        Some(plan.graph().to_string())
     }
 
     checkpoint::keeps!(NAME);

@@ -19,8 +19,8 @@ pub struct Draw<'e> {
     pub log_action: Expression<'e>,
 }
 
-/// Draws `a ~ Dirichlet(alpha)` for each row of `alpha` `[rows, n]`. A row with a concentration that is not positive and
-/// finite becomes NaN.
+/// Draws `a ~ Dirichlet(alpha)` for each row of `alpha` `[rows, n]`. A row with a concentration that is not
+/// positive and finite becomes NaN.
 #[must_use]
 pub fn sample(alpha: Expression<'_>) -> Draw<'_> {
     // A point at the floor counts as a constant: the clamp passes no gradient below it.

@@ -10,8 +10,9 @@
 //! | gamma, beta | `NAME.norm.weight` (starts at 1), `NAME.norm.bias` (starts at 0) of the state | `[1, columns]` |
 //! | epsilon | [`EPSILON`] | scalar |
 //!
-//! `y = gamma (x - mu_B) / sqrt(sigma_B^2 + epsilon) + beta`; gradients also flow through the moments. Where single rows
-//! are evaluated (a policy that acts), [`RunningMoments`] replace those of the batch: `NAME.running_mean` and
+//! `y = gamma (x - mu_B) / sqrt(sigma_B^2 + epsilon) + beta`; gradients also flow through the moments. Where
+//! single rows are evaluated (a policy that acts), [`RunningMoments`] replace those of the batch:
+//! `NAME.running_mean` and
 //! `NAME.running_variance` of the state, which `RunningMoments::absorb` moves and no optimiser.
 
 use super::network::Network;
@@ -69,8 +70,8 @@ fn inverse_sd(variance: Expression<'_>) -> Expression<'_> {
 }
 
 impl NormalisedNetwork {
-    /// Describes a network with layer sizes `sizes` (input first, output last), the parameters `NAME.mlp`, and, where it
-    /// normalises its inputs, `NAME.norm`.
+    /// Describes a network with layer sizes `sizes` (input first, output last), the parameters `NAME.mlp`, and,
+    /// where it normalises its inputs, `NAME.norm`.
     ///
     /// # Panics
     /// As [`Network::new`].
@@ -133,8 +134,8 @@ impl NormalisedNetwork {
         self.network.apply(self.normalised_by_batch(moments))
     }
 
-    /// Outputs `[rows, outputs]` of inputs `[rows, inputs]`, normalised by running moments; a row does not depend on the
-    /// others.
+    /// Outputs `[rows, outputs]` of inputs `[rows, inputs]`, normalised by running moments; a row does not
+    /// depend on the others.
     #[must_use]
     pub fn by_moments<'e>(&self, x: Expression<'e>, running: &RunningMoments) -> Expression<'e> {
         self.network.apply(if self.normalises {

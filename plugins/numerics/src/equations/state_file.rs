@@ -21,33 +21,37 @@ pub fn store(state: &State<f32>, file: &mut TensorFile) {
     file.header[COUNTS] = json!(state.counts());
 }
 
-/// Restores the state that [`store`] wrote. Moments that `state` does not have yet are added.
+/// Restores the state that [`store`] wrote, with its optimisers in place of those of `state`.
 ///
 /// # Errors
-/// [`TensorFileError`] where a parameter is missing or has another shape.
+/// [`TensorFileError`] where a parameter is missing or has another shape; the state then stays as it is.
 pub fn restore(state: &mut State<f32>, file: &TensorFile) -> Result<(), TensorFileError> {
     let counts = serde_json::from_value(file.header[COUNTS].clone());
     let counts: std::collections::BTreeMap<String, u64> =
         counts.map_err(|_| TensorFileError::Missing { name: COUNTS.into() })?;
-    let names: Vec<_> = state
+    let mut restored = state.clone();
+    restored.forget_optimisers();
+    let names: Vec<_> = restored
         .tensors()
         .map(|(name, shape, _)| (name.to_owned(), shape))
         .collect();
     for (name, shape) in &names {
         let stored = file.get(&format!("{PREFIX}{name}"))?;
-        insert(state, name, *shape, stored)?;
+        insert(&mut restored, name, *shape, stored)?;
     }
     for parameter in counts.keys() {
-        let shape = state.tensor(parameter).map(|(shape, _)| shape);
+        let shape = restored.tensor(parameter).map(|(shape, _)| shape);
         let shape = shape.ok_or_else(|| TensorFileError::Missing {
             name: parameter.clone(),
         })?;
         for moment in ["first", "second"] {
             let name = format!("{parameter}.{moment}");
-            insert(state, &name, shape, file.get(&format!("{PREFIX}{name}"))?)?;
+            let stored = file.get(&format!("{PREFIX}{name}"))?;
+            insert(&mut restored, &name, shape, stored)?;
         }
     }
-    state.set_counts(counts);
+    restored.set_counts(counts);
+    *state = restored;
     Ok(())
 }
 
@@ -55,19 +59,21 @@ pub fn restore(state: &mut State<f32>, file: &TensorFile) -> Result<(), TensorFi
 /// optimiser stays as it is.
 ///
 /// # Errors
-/// [`TensorFileError`] where a parameter is missing or has another shape.
+/// [`TensorFileError`] where a parameter is missing or has another shape; the state then stays as it is.
 pub fn restore_network(
     network: &Network,
     prefix: &str,
     state: &mut State<f32>,
     file: &TensorFile,
 ) -> Result<(), TensorFileError> {
+    let mut restored = state.clone();
     for name in network.parameter_names() {
         let own = state.tensor(&name).map(|(shape, _)| shape);
         let shape = own.ok_or_else(|| TensorFileError::Missing { name: name.clone() })?;
         let rest = name.strip_prefix(network.name()).unwrap_or_default();
-        insert(state, &name, shape, file.get(&format!("{prefix}{rest}"))?)?;
+        insert(&mut restored, &name, shape, file.get(&format!("{prefix}{rest}"))?)?;
     }
+    *state = restored;
     Ok(())
 }
 
@@ -125,4 +131,78 @@ fn insert(
     }
     state.insert(name, shape, stored.values.clone());
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::activation::Activation;
+    use plan::{Descent, Equations, Processor};
+    use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+
+    fn network() -> Network {
+        Network::new("policy", &[2, 3, 1], &[Activation::Tanh])
+    }
+
+    fn state(seed: u64) -> State<f32> {
+        let mut state = State::default();
+        network().initialise(1.0, &mut state, &mut ChaCha8Rng::seed_from_u64(seed));
+        state
+    }
+
+    /// Takes steps of Adam against the sum of squares of the outputs.
+    fn train(state: &mut State<f32>, n_steps: usize) {
+        let equations = Equations::new();
+        let x = equations.constant([2, 2], &[0.5, -1.0, 2.0, 0.1]);
+        equations.routine("update");
+        let loss = network().apply(x).square().mean();
+        let descent = Descent::adam("rate", 0.01, None);
+        equations.descend(loss, &network().parameters(&equations), &descent);
+        let mut processor = Processor::<f32>::new(equations.into_graph());
+        (0..n_steps).for_each(|_| processor.run("update", state));
+    }
+
+    fn stored(state: &State<f32>) -> TensorFile {
+        let mut file = TensorFile::default();
+        store(state, &mut file);
+        file
+    }
+
+    #[test]
+    fn a_restored_state_continues_to_the_same_bits() {
+        let mut one = state(1);
+        train(&mut one, 5);
+        // A state that has learned longer, one that has not learned, and back before the first step.
+        for n_steps in [0, 9] {
+            let mut other = state(2);
+            train(&mut other, n_steps);
+            restore(&mut other, &stored(&one)).unwrap();
+            let mut expected = one.clone();
+            train(&mut expected, 3);
+            train(&mut other, 3);
+            assert_eq!(stored(&other), stored(&expected));
+        }
+        let first = stored(&state(1));
+        restore(&mut one, &first).unwrap();
+        assert_eq!(stored(&one), first);
+    }
+
+    #[test]
+    fn a_file_that_does_not_fit_changes_nothing() {
+        let mut own = state(1);
+        train(&mut own, 2);
+        let before = stored(&own);
+        let mut file = stored(&state(2));
+        let wide = HostTensor {
+            shape: vec![1, 2],
+            values: vec![0.0; 2],
+        };
+        file.insert("state.policy.layers.1.bias", wide.clone());
+        assert!(restore(&mut own, &file).is_err());
+        let mut policy = TensorFile::default();
+        store_network(&network(), "policy", &state(2), &mut policy);
+        policy.insert("policy.layers.1.bias", wide);
+        assert!(restore_network(&network(), "policy", &mut own, &policy).is_err());
+        assert_eq!(stored(&own), before);
+    }
 }

@@ -138,6 +138,26 @@ fn equations_write_the_plan_that_methods_of_the_graph_write() {
     assert!(graph.to_string().contains("`b` [1, 2] <- `action` [1, 2]"));
 }
 
+/// Results of the moves of `[[1, 2, 3], [6, 5, 4]]`.
+const MOVED: [(&str, &[f64]); 13] = [
+    ("join", &[2.0, 3.0, 1.0, 2.0, 3.0, 5.0, 4.0, 6.0, 5.0, 4.0]),
+    ("reshape", &[9.0, 12.0]),
+    (
+        "repeat_rows",
+        &[1.0, 2.0, 3.0, 1.0, 2.0, 3.0, 6.0, 5.0, 4.0, 6.0, 5.0, 4.0],
+    ),
+    ("sum_groups", &[14.0, 14.0, 14.0]),
+    ("gather", &[3.0, 6.0]),
+    ("largest", &[3.0, 6.0]),
+    ("mean_rows", &[3.5, 3.5, 3.5]),
+    ("mean_columns", &[2.0, 5.0]),
+    ("sum", &[21.0]),
+    ("product", &[14.0, 28.0, 28.0, 77.0]),
+    ("stopped", &[1.0, 2.0, 3.0, 6.0, 5.0, 4.0]),
+    ("draws", &[0.0, 0.0]),
+    ("gradients", &[1.0, 2.0, 3.0, 6.0, 5.0, 4.0]),
+];
+
 #[test]
 fn methods_of_equations_move_sum_and_draw() {
     let equations = Equations::new();
@@ -172,25 +192,7 @@ fn methods_of_equations_move_sum_and_draw() {
     let mut processor = Processor::<f64>::new(equations.into_graph());
     processor.write("x", &[1.0, 2.0, 3.0, 6.0, 5.0, 4.0]);
     processor.run_seeded("moves", &mut State::default(), 1);
-    let expected: [(&str, &[f64]); 13] = [
-        ("join", &[2.0, 3.0, 1.0, 2.0, 3.0, 5.0, 4.0, 6.0, 5.0, 4.0]),
-        ("reshape", &[9.0, 12.0]),
-        (
-            "repeat_rows",
-            &[1.0, 2.0, 3.0, 1.0, 2.0, 3.0, 6.0, 5.0, 4.0, 6.0, 5.0, 4.0],
-        ),
-        ("sum_groups", &[14.0, 14.0, 14.0]),
-        ("gather", &[3.0, 6.0]),
-        ("largest", &[3.0, 6.0]),
-        ("mean_rows", &[3.5, 3.5, 3.5]),
-        ("mean_columns", &[2.0, 5.0]),
-        ("sum", &[21.0]),
-        ("product", &[14.0, 28.0, 28.0, 77.0]),
-        ("stopped", &[1.0, 2.0, 3.0, 6.0, 5.0, 4.0]),
-        ("draws", &[0.0, 0.0]),
-        ("gradients", &[1.0, 2.0, 3.0, 6.0, 5.0, 4.0]),
-    ];
-    for (name, expected) in expected {
+    for (name, expected) in MOVED {
         let found = processor.entries(name);
         assert_eq!(found.len(), expected.len(), "{name}");
         let is_near = found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-14);

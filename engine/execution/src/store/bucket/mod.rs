@@ -1,7 +1,8 @@
 //! A bucket of object storage as the store that machines without a common folder share.
 //!
 //! ```text
-//! <prefix>/trials/<id>       a trial that has ended or paused: one line of JSON with the names and lengths of its files,
+//! <prefix>/trials/<id>       a trial that has ended or paused: one line of JSON with the names and lengths of
+//! its files,
 //!                            and their bytes, the acknowledgement last
 //!          leases/<id>       the owner that computes a trial now
 //!          owners/<token>    a number that a living process counts up

@@ -21,7 +21,7 @@ use crate::shared::joint::acted;
 use crate::shared::scaling::{ObservationScaling, Scaling};
 use crate::shared::seat_network::HiddenLayers;
 use crate::shared::{allocation, checkpoint, seat};
-use contract::{Action, End, Error, Interface, Observation, Rng, Seat, Space, Transition};
+use contract::{Action, End, Error, Interface, Observation, Rng, Seat, Space, Transition, Updates};
 use numerics::{
     activation::Activation,
     equations::{network::Network, state_file},
@@ -135,6 +135,8 @@ pub struct DatasetActor {
     pub policy: Network,
     /// Parameters of the policy, and of what an agent adds.
     pub state: State<f32>,
+    /// Number of updates so far.
+    pub n_updates: u64,
     acting: Plans,
 }
 
@@ -167,6 +169,7 @@ impl DatasetActor {
             typical: channels.iter().map(|channel| channel.spread).collect(),
             policy: form.network("policy", [channels.len(), names.len()], &mut state, rng),
             state,
+            n_updates: 0,
             acting: Plans::default(),
             names,
         })
@@ -235,7 +238,7 @@ impl DatasetActor {
     ///
     /// # Errors
     /// [`Error::NotFinite`] where an output of the network is not finite.
-    pub fn act(&mut self, observations: &[Observation], step: u64) -> Result<Vec<Action>, Error> {
+    pub fn act(&mut self, observations: &[Observation]) -> Result<Vec<Action>, Error> {
         let (set, policy, shape) = (
             self.actions,
             &self.policy,
@@ -249,7 +252,7 @@ impl DatasetActor {
         });
         plan.write("observations", &scaled);
         plan.run("choose", &mut self.state);
-        let (actions, n) = (plan.entries("chosen"), self.names.len());
+        let (actions, n, step) = (plan.entries("chosen"), self.names.len(), self.n_updates);
         match self.actions {
             ActionSet::Simplex => allocation::actions(actions, n, step),
             ActionSet::Cube => actions
@@ -259,20 +262,39 @@ impl DatasetActor {
         }
     }
 
-    /// Stores the state and the scaling in a file.
-    pub fn store(&self, file: &mut TensorFile) {
-        state_file::store(&self.state, file);
-        let Ports { center, spread, .. } = self.ports();
-        file.header[SCALING] = json!([center, spread]);
+    /// The updates; the first one comes with the first batch.
+    #[must_use]
+    pub fn updates(&self) -> Updates {
+        Updates {
+            made: self.n_updates,
+            first_after: 1,
+        }
     }
 
-    /// Restores the state and the scaling that [`store`](Self::store) wrote.
+    /// Writes a checkpoint of state, scaling and number of updates.
     ///
     /// # Errors
-    /// [`TensorFileError`] where the file does not fit.
-    pub fn restore(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
-        state_file::restore(&mut self.state, file)?;
+    /// [`Error::File`] where the operating system refuses.
+    pub fn save(&self, dir: &Path) -> Result<(), Error> {
+        let mut file = TensorFile::default();
+        state_file::store(&self.state, &mut file);
+        let Ports { center, spread, .. } = self.ports();
+        file.header[SCALING] = json!([center, spread]);
+        checkpoint::write(self.agent, dir, file, &self.n_updates)
+    }
+
+    /// Restores what [`save`](Self::save) wrote.
+    ///
+    /// # Errors
+    /// [`Error::File`] or [`Error::Checkpoint`] where the file is missing or does not fit.
+    pub fn load(&mut self, dir: &Path) -> Result<(), Error> {
+        let (file, n_updates) = checkpoint::read(self.agent, dir)?;
+        let misfit = checkpoint::error_of(self.agent);
+        state_file::restore(&mut self.state, &file).map_err(&misfit)?;
         self.rescale(&file.header[SCALING][0], &file.header[SCALING][1])
+            .map_err(&misfit)?;
+        self.n_updates = n_updates;
+        Ok(())
     }
 
     /// Writes the policy file to `dir`.

@@ -1,6 +1,7 @@
 //! The agent: acting, the updates and their batches, storing.
 
 use super::{Algorithm, Game, GaussianNetwork, Player, Settings, of_seat, prediction_error};
+use crate::shared::acting;
 use crate::shared::batch::Batch;
 use crate::shared::checkpoint::{self, finite};
 use crate::shared::joint::JointLayout;
@@ -184,17 +185,8 @@ impl<A: Algorithm> Agent for Learner<A> {
         let rows = self.game.layout.observation_rows(observations);
         let (plan, state) = self.acting(observations.len());
         plan.write("observations", &rows);
-        let actions = match mode {
-            Mode::Train => {
-                plan.run_seeded("draw", state, rng.next_u64());
-                "drawn"
-            }
-            Mode::Evaluate => {
-                plan.run("choose", state);
-                "chosen"
-            }
-        };
-        let actions = plan.entries(actions).to_vec();
+        let actions = acting::actions(plan, mode, state, rng);
+        let actions = actions.to_vec();
         self.game.layout.actions(&actions, self.schedule.n_steps())
     }
 

@@ -8,7 +8,7 @@
 
 use super::{Progress, RegressionLoss};
 use crate::shared::{
-    allocation,
+    acting, allocation,
     checkpoint::{self, finite},
     scaling::{ObservationScaling, Scaling},
     seat,
@@ -189,17 +189,7 @@ impl<H: SimplexHead> Agent for SimplexRegression<H> {
             learner.act(equations.input("observations", shape));
         });
         plan.write("observations", &self.scaling.rows(observations));
-        let weights = match mode {
-            Mode::Train => {
-                plan.run_seeded("draw", &mut self.state, rng.next_u64());
-                "drawn"
-            }
-            Mode::Evaluate => {
-                plan.run("choose", &mut self.state);
-                "chosen"
-            }
-        };
-        let weights = plan.entries(weights);
+        let weights = acting::actions(plan, mode, &mut self.state, rng);
         allocation::actions(weights, self.shares.len(), self.progress.n_examples)
     }
 

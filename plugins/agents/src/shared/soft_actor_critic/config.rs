@@ -3,6 +3,7 @@
 use crate::shared::{
     scaling::ObservationScaling,
     seat_network::{HiddenLayers, check_batch},
+    soft_learner::Settings,
 };
 use contract::{Error, Preset};
 use numerics::activation::Activation;
@@ -141,6 +142,22 @@ impl Config {
             width: self.width,
             layers: self.hidden_layers,
             activation: self.activation,
+        }
+    }
+
+    /// Constants of an update for actions of so many entries.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss, reason = "a number of entries is far below 2^52")]
+    pub fn settings(&self, n_acted: usize) -> Settings {
+        let is_learned = self.temperature == Temperature::Automatic;
+        Settings {
+            actor_learning_rate: self.actor_learning_rate,
+            critic_learning_rate: self.critic_learning_rate,
+            temperature_learning_rate: is_learned.then_some(self.temperature_learning_rate),
+            gradient_clip: self.gradient_clip,
+            target_entropy: self.target_entropy.unwrap_or(-(n_acted as f64)),
+            discount: self.discount,
+            target_smoothing: self.target_smoothing,
         }
     }
 }

@@ -35,24 +35,22 @@ mod tests;
 pub use config::{Config, Temperature};
 
 use crate::shared::{
-    batch::{Batch, BatchInputs, BatchWidths},
-    bellman::{Weight, bootstrapped, half_squared_error},
+    acting,
+    batch::{Batch, plan_of},
     box_seat::BoxSeat,
-    checkpoint::{self, finite},
+    checkpoint,
     replay::Replay,
     schedule::UpdateSchedule,
+    soft_learner::{self, ActionSet, Sizes, SoftLearner},
 };
 use contract::{
     Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates,
 };
 use numerics::{
-    equations::{
-        network::{Network, lower, parameters},
-        squashed::{Correction, mean_action, sample},
-    },
+    equations::network::Network,
     policy_file::{Head, Policy},
 };
-use plan::{Descent, Expression, Plans, Processor, State};
+use plan::{Plans, State};
 use rand::RngCore;
 use std::path::Path;
 
@@ -65,22 +63,12 @@ const POLICY_OUTPUT_GAIN: f64 = 0.1;
 pub struct SoftActorCritic {
     config: Config,
     seat: BoxSeat,
-    learner: Learner,
+    learner: SoftLearner,
     state: State<f32>,
     acting: Plans,
     learning: Plans,
     replay: Replay,
     schedule: UpdateSchedule,
-}
-
-/// Networks, and the equations by which they act and learn.
-#[derive(Debug, Clone)]
-struct Learner {
-    policy: Network,
-    critics: [Network; 2],
-    target_critics: [Network; 2],
-    temperature: Weight,
-    target_entropy: f64,
 }
 
 /// Metrics that [`SoftActorCritic::learn`] records.
@@ -125,29 +113,28 @@ impl SoftActorCritic {
     pub(crate) fn assemble(
         config: Config,
         seat: BoxSeat,
-        mut initialise: impl FnMut(&Network, f64, &mut State<f32>),
+        initialise: impl FnMut(&Network, f64, &mut State<f32>),
     ) -> Self {
-        let (n_seen, n_done) = (seat.n_observed(), seat.n_acted());
-        let mut state = State::default();
-        let mut network = |name: &str, inputs, outputs, gain| {
-            let network = config.hidden().network(name, inputs, outputs);
-            initialise(&network, gain, &mut state);
-            network
+        let sizes = Sizes {
+            seen: seat.n_observed(),
+            done: seat.n_acted(),
+            policy: config.hidden(),
+            output_gain: POLICY_OUTPUT_GAIN,
+            critics: config.hidden(),
         };
-        let policy = network("policy", n_seen, 2 * n_done, POLICY_OUTPUT_GAIN);
-        let critics = ["critics.first", "critics.second"].map(|name| network(name, n_seen + n_done, 1, 1.0));
-        let target = |critic: &Network, state: &mut State<f32>| {
-            critic.copied(format!("target_{}", critic.name()), state)
-        };
-        let learner = Learner {
-            target_critics: critics.each_ref().map(|critic| target(critic, &mut state)),
-            policy,
-            critics,
-            temperature: Weight::new("temperature", config.first_temperature, &mut state),
-            target_entropy: config.target_entropy.unwrap_or(-(n_done as f64)),
-        };
+        let (set, settings) = (ActionSet::Box, config.settings(sizes.done));
+        let (mut state, first_temperature) = (State::default(), config.first_temperature);
+        let learner = SoftLearner::new(
+            "",
+            set,
+            sizes,
+            first_temperature,
+            settings,
+            &mut state,
+            initialise,
+        );
         Self {
-            replay: Replay::new(config.replay_capacity, n_seen, n_done, 1),
+            replay: Replay::new(config.replay_capacity, sizes.seen, sizes.done, 1),
             learner,
             state,
             acting: Plans::default(),
@@ -191,119 +178,16 @@ impl SoftActorCritic {
     }
 
     fn improve(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let plan = self.learner.plan(
-            &mut self.learning,
-            batch.n_rows,
-            self.replay.widths(),
-            &self.config,
-        );
+        let (learner, widths) = (&self.learner, self.replay.widths());
+        let plan = plan_of(&mut self.learning, batch.n_rows, widths, |batch| {
+            learner.update(batch, |all| all);
+        });
         batch.write(plan);
         plan.run_seeded("update", &mut self.state, rng.next_u64());
-        for metric in ["critic_loss", "policy_loss"] {
-            record.mean(
-                metric,
-                finite(metric, self.schedule.n_steps(), plan.number(metric))?,
-            );
-        }
-        for metric in ["policy_entropy", "mean_value", "temperature"] {
-            record.mean(metric, plan.number(metric));
-        }
+        soft_learner::record(plan, self.schedule.n_steps(), record)?;
         self.schedule.count_update();
         Ok(())
     }
-}
-
-impl Learner {
-    fn plan<'p>(
-        &self,
-        plans: &'p mut Plans,
-        n_rows: usize,
-        widths: BatchWidths,
-        config: &Config,
-    ) -> &'p mut Processor<f32> {
-        plans.of_rows(n_rows, |equations| {
-            self.update(BatchInputs::new(equations, n_rows, widths), config);
-        })
-    }
-
-    /// Actions of the policy, drawn and most likely ones.
-    fn act(&self, observations: Expression<'_>) {
-        let equations = observations.equations();
-        equations.routine("draw");
-        let head = self.policy.apply(observations);
-        equations.output("drawn", sample(head, Correction::Exact).action);
-        equations.routine("choose");
-        let head = self.policy.apply(observations);
-        equations.output("chosen", mean_action(head));
-    }
-
-    /// One update of critics, policy, temperature and target critics.
-    fn update(&self, batch: BatchInputs<'_>, config: &Config) {
-        let equations = batch.observations.equations();
-        equations.routine("update");
-        let adam = |rate, first_rate| Descent::adam(rate, first_rate, config.gradient_clip);
-        let target = self.soft_target(batch, config.discount);
-        let loss = self.critic_loss(batch, target);
-        let critics = parameters(&self.critics, equations);
-        equations.output("critic_loss", loss);
-        equations.descend(
-            loss,
-            &critics,
-            &adam("critic_learning_rate", config.critic_learning_rate),
-        );
-
-        let (loss, log_density) = self.policy_loss(batch);
-        equations.output("policy_loss", loss);
-        let policy = self.policy.parameters(equations);
-        equations.descend(
-            loss,
-            &policy,
-            &adam("actor_learning_rate", config.actor_learning_rate),
-        );
-        equations.output("policy_entropy", -log_density);
-        equations.output("temperature", self.temperature.expression(equations));
-        if config.temperature == Temperature::Automatic {
-            // Eq. 18: it rises where the entropy is below its target.
-            self.temperature.rise_with(
-                log_density + self.target_entropy,
-                config.temperature_learning_rate,
-            );
-        }
-        let targets = parameters(&self.target_critics, equations);
-        equations.follow(&targets, &critics, config.target_smoothing);
-    }
-
-    /// Eq. 2 and 3: reward plus the discounted soft value of the next observation.
-    fn soft_target<'e>(&self, batch: BatchInputs<'e>, discount: f64) -> Expression<'e> {
-        let next = sample(self.policy.apply(batch.next_observations), Correction::Exact);
-        let value = lower(&self.target_critics, joined(batch.next_observations, next.action));
-        let soft_value = value - next.log_density * self.temperature.expression(value.equations());
-        bootstrapped(batch.rewards, batch.continues, soft_value, discount)
-    }
-
-    /// Eq. 5: half the squared soft Bellman error of both critics.
-    fn critic_loss<'e>(&self, batch: BatchInputs<'e>, target: Expression<'e>) -> Expression<'e> {
-        let seen = joined(batch.observations, batch.actions);
-        let [first, second] = self
-            .critics
-            .each_ref()
-            .map(|critic| half_squared_error(critic.apply(seen), target));
-        first + second
-    }
-
-    /// Eq. 9, and the mean of `log pi`.
-    fn policy_loss<'e>(&self, batch: BatchInputs<'e>) -> (Expression<'e>, Expression<'e>) {
-        let drawn = sample(self.policy.apply(batch.observations), Correction::Exact);
-        let value = lower(&self.critics, joined(batch.observations, drawn.action));
-        let equations = value.equations();
-        equations.output("mean_value", value.mean());
-        let loss = (drawn.log_density * self.temperature.expression(equations) - value).mean();
-        (loss, drawn.log_density.mean())
-    }
-}
-
-fn joined<'e>(observations: Expression<'e>, actions: Expression<'e>) -> Expression<'e> {
-    observations.equations().join(&[observations, actions])
 }
 
 impl Agent for SoftActorCritic {
@@ -313,17 +197,8 @@ impl Agent for SoftActorCritic {
             learner.act(equations.input("observations", [observations.len(), seat.n_observed()]));
         });
         plan.write("observations", &seat.scaled(observations));
-        let action = match mode {
-            Mode::Train => {
-                plan.run_seeded("draw", &mut self.state, rng.next_u64());
-                "drawn"
-            }
-            Mode::Evaluate => {
-                plan.run("choose", &mut self.state);
-                "chosen"
-            }
-        };
-        seat.actions(plan.entries(action), self.schedule.n_steps())
+        let action = acting::actions(plan, mode, &mut self.state, rng);
+        seat.actions(action, self.schedule.n_steps())
     }
 
     fn learn(
@@ -350,8 +225,10 @@ impl Agent for SoftActorCritic {
     }
 
     fn plan(&mut self) -> Option<String> {
-        let (rows, widths) = (self.config.batch_size, self.replay.widths());
-        let plan = self.learner.plan(&mut self.learning, rows, widths, &self.config);
+        let (learner, rows, widths) = (&self.learner, self.config.batch_size, self.replay.widths());
+        let plan = plan_of(&mut self.learning, rows, widths, |batch| {
+            learner.update(batch, |all| all);
+        });
         Some(plan.graph().to_string())
     }
 

@@ -2,8 +2,10 @@
 
 use super::*;
 use crate::shared::{
+    batch::BatchInputs,
     gradient_checks::{assert_gradient, outputs},
     regulator::{self, Plants},
+    soft_learner::joined,
 };
 use contract::random::stream;
 use numerics::activation::Activation;
@@ -63,11 +65,11 @@ fn the_soft_target_by_hand() {
         batch.continues.fill(continues);
         // Draws of a routine are numbered, so that the target's draw is that of `next`.
         let target = outputs(["target"], &agent.state, &batch, |equations| {
-            equations.output("target", learner.soft_target(write(&agent, equations), 0.9));
+            equations.output("target", learner.soft_target(write(&agent, equations)));
         });
         let parts = outputs(["first", "second", "log_pi"], &agent.state, &batch, |equations| {
             let inputs = write(&agent, equations);
-            let next = sample(learner.policy.apply(inputs.next_observations), Correction::Exact);
+            let next = learner.draw(inputs.next_observations);
             let seen = joined(inputs.next_observations, next.action);
             equations.output("first", learner.target_critics[0].apply(seen));
             equations.output("second", learner.target_critics[1].apply(seen));
@@ -97,7 +99,7 @@ fn the_critics_gradient_agrees_with_finite_differences() {
     let [first, second] = &agent.learner.critics;
     assert_gradient(&[first, second], &agent.state, &batch, |equations| {
         let inputs = write(&agent, equations);
-        let target = agent.learner.soft_target(inputs, 0.9);
+        let target = agent.learner.soft_target(inputs);
         equations.output("loss", agent.learner.critic_loss(inputs, target));
     });
 }
@@ -132,7 +134,7 @@ fn the_target_entropy_is_minus_the_number_of_entries() {
             ..tiny()
         })
         .learner
-        .target_entropy,
+        .target_entropy(),
         -1.0
     );
 }
