@@ -32,7 +32,6 @@ fn finals(cells: &Value, agent: (&str, &str), metric: &str) -> Vec<f64> {
         .into(),
         seed: 3,
         numerics: registry.numerics_version,
-        device: "cpu".into(),
     };
     let record = key.run(&registry, None, &mut |_, _| {}, &mut NoKeeper).unwrap();
     let index = record.names().iter().position(|name| name == metric).unwrap();

@@ -214,19 +214,32 @@ pub(crate) fn right(to: &str, command: &mut Command) -> Option<()> {
     None
 }
 
-/// The program in `tests/tract`, which computes exported policies; it is built apart from the tests.
+/// The program in `tests/tract`, which computes exported policies.
 #[track_caller]
 pub(crate) fn tract() -> Option<PathBuf> {
-    let profile = Path::new(env!("CARGO_BIN_EXE_regimen")).parent()?;
-    let program = profile.with_file_name("tract").join("release/run-with-tract");
+    built_apart("tract/release/run-with-tract", |target| {
+        format!("cargo build --release --manifest-path tests/tract/Cargo.toml --target-dir {target}/tract")
+    })
+}
+
+/// The program in `tests/run_pins`, which computes pins on an aarch64.
+#[track_caller]
+pub(crate) fn run_pins() -> Option<PathBuf> {
+    built_apart("aarch64/aarch64-unknown-linux-gnu/release/run-pins", |target| {
+        format!("tests/run_pins/build {target}/aarch64")
+    })
+}
+
+/// A program that is built apart from the tests, beside their target folder's profile.
+#[track_caller]
+fn built_apart(program: &str, command: impl FnOnce(std::path::Display<'_>) -> String) -> Option<PathBuf> {
+    let target = Path::new(env!("CARGO_BIN_EXE_regimen")).parent()?.parent()?;
+    let program = target.join(program);
     if !program.is_file() {
-        let target = profile.with_file_name("tract");
+        let command = command(target.display());
         skip(
             &format!("`{}` is not built", program.display()),
-            &format!(
-                "`cargo build --release --manifest-path tests/tract/Cargo.toml --target-dir {}` builds it",
-                target.display()
-            ),
+            &format!("`{command}` builds it"),
         );
         return None;
     }

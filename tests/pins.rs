@@ -7,25 +7,21 @@
 //!
 //! `REGIMEN_PINS=write cargo test --release --workspace pins` writes new pins and those of raised versions.
 
+mod recorded;
+
 use crate::{
     contracts::{acting, ready_made},
-    datasets::{self, with_sources},
-    needs::programs,
+    datasets::with_sources,
+    needs::{self, programs},
     program::repository,
     shrunk::shrunk,
 };
-use contract::{Registry, cast::Actors, digest, part::Part, plugin::About, trial::TrialKey};
+use contract::{Registry, part::Part, plugin::About};
 use plugins::registry;
+use recorded::{digest, recorded};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::{
-    collections::BTreeMap,
-    fmt::Write as _,
-    fs,
-    panic::{AssertUnwindSafe, catch_unwind},
-    path::PathBuf,
-    process::Command,
-};
+use std::{collections::BTreeMap, fs, path::PathBuf, process::Command};
 
 /// How to write pins.
 const COMMAND: &str = "REGIMEN_PINS=write cargo test --release --workspace pins";
@@ -71,18 +67,19 @@ fn no_number_moves_under_an_old_version() {
     }
 }
 
-/// Three agents and three environments on an emulated processor of 2008, with SSE alone and without fused
-/// multiply-adds.
+/// Three agents and three environments.
+const ON_OTHER_PROCESSORS: [&str; 6] = [
+    "agent soft_actor_critic",
+    "agent dirichlet_sac",
+    "agent tdom_ac",
+    "environment battery",
+    "environment turbofan",
+    "environment component_replacement",
+];
+
+/// An emulated processor of 2008 has SSE alone, and no fused multiply-adds.
 #[test]
 fn a_processor_without_wide_vectors_has_the_same_numbers() {
-    let pins = [
-        "agent soft_actor_critic",
-        "agent dirichlet_sac",
-        "agent tdom_ac",
-        "environment battery",
-        "environment turbofan",
-        "environment component_replacement",
-    ];
     let Some([emulator]) = programs(["qemu-x86_64"]) else {
         return;
     };
@@ -91,10 +88,34 @@ fn a_processor_without_wide_vectors_has_the_same_numbers() {
     command.args(["-cpu", "Nehalem"]).arg(program);
     command
         .args(["--exact", "pins::no_number_moves_under_an_old_version"])
-        .env(SOME, pins.join(","));
+        .env(SOME, ON_OTHER_PROCESSORS.join(","));
     let output = command.output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success() && text.contains("1 passed"), "{text}");
+}
+
+/// The digests of pins and of the arithmetic, computed by an emulated aarch64 and the distribution's compiler.
+#[test]
+fn a_processor_of_another_kind_has_the_same_numbers() {
+    let (Some([emulator]), Some(program)) = (programs(["qemu-aarch64"]), needs::run_pins()) else {
+        return;
+    };
+    let mut command = Command::new(emulator);
+    command.args(["-L", "/usr/aarch64-linux-gnu"]).arg(program);
+    let output = command.arg(file()).args(ON_OTHER_PROCESSORS).output().unwrap();
+    assert!(output.status.success(), "{output:?}");
+    let text = String::from_utf8(output.stdout).unwrap();
+    let found: BTreeMap<&str, &str> = text.lines().filter_map(|line| line.rsplit_once(' ')).collect();
+    let pins = read();
+    let kept = fs::read_to_string(repository().join("plugins/arithmetic/fixtures/digests.txt")).unwrap();
+    let mut expected: BTreeMap<&str, &str> = BTreeMap::new();
+    expected.extend(ON_OTHER_PROCESSORS.map(|name| (name, pins[name].digest.as_str())));
+    expected.extend(kept.lines().filter(|line| !line.starts_with('#')).map(|line| {
+        let words: Vec<&str> = line.split(' ').collect();
+        // The second digest is of the first class; steps have no classes.
+        (words[0], *words.get(2).unwrap_or(&words[1]))
+    }));
+    assert_eq!(found, expected);
 }
 
 #[test]
@@ -209,45 +230,6 @@ fn subjects(registry: &Registry) -> Vec<String> {
     let agents = acting(registry).map(|(name, _)| format!("agent {name}"));
     let protocols = registry.protocols.keys().map(|name| format!("protocol {name}"));
     environments.chain(agents).chain(protocols).collect()
-}
-
-/// Hash of everything that a trial records, to the bit.
-fn digest(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
-    Ok(digest::of_json(&Value::String(recorded(registry, trial)?)))
-}
-
-/// Every row that a trial records in one line of text, its value in bits.
-fn recorded(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
-    let [environment, agent, protocol] = trial.clone().map(|part| Part { version: 0, ..part });
-    let agent = Actors::Agent(agent);
-    let key = TrialKey {
-        environment: environment.into(),
-        agent: agent.into(),
-        protocol: protocol.into(),
-        seed: 7,
-        numerics: 0,
-        device: "cpu".into(),
-    };
-    // Not every agent fits every protocol, and some say so by a panic.
-    let run = AssertUnwindSafe(|| datasets::run(registry, &key, None, &mut contract::NoKeeper));
-    let record = catch_unwind(run)
-        .map_err(|_| "it panicked")?
-        .map_err(|error| error.to_string())?;
-    let mut text = String::new();
-    for row in record.rows() {
-        let (phase, name, bits) = (
-            row.phase.name(),
-            &record.names()[usize::from(row.metric)],
-            row.value.to_bits(),
-        );
-        writeln!(
-            text,
-            "{phase} {} {} {} {name} {bits:016x}",
-            row.step, row.episode, row.seat
-        )
-        .unwrap();
-    }
-    Ok(text)
 }
 
 fn file() -> PathBuf {

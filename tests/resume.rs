@@ -61,7 +61,6 @@ pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
                 protocol: part(protocol, &protocol_entry.about).into(),
                 seed: 3,
                 numerics: registry.numerics_version,
-                device: "cpu".into(),
             };
             if !registry.agents[agent].traits.learns() {
                 let config = (protocol_entry.without_training)(&key.protocol.config).unwrap();

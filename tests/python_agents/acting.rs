@@ -126,7 +126,6 @@ fn a_rule_in_python_comes_to_the_bits_of_the_same_rule_here() {
             protocol: Part::new("train_evaluate", protocol.about.version, given).into(),
             seed: 3,
             numerics: registry.numerics_version,
-            device: "cpu".into(),
         };
         let record = key.run(&registry, None, &mut |_, _| {}, &mut NoKeeper).unwrap();
         let rows = record.rows().iter().map(|row| (row.metric, row.value.to_bits()));

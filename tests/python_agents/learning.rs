@@ -22,7 +22,6 @@ fn recorded(place: &Place, protocol: &str, given: &Value) -> Recorder {
         protocol: part(&registry.protocols[protocol].about, protocol, given).into(),
         seed: 3,
         numerics: registry.numerics_version,
-        device: "cpu".into(),
     };
     crate::datasets::run(&registry, &key, None, &mut NoKeeper).unwrap()
 }

@@ -3,7 +3,6 @@
 
 use crate::{artifact::Taken, cast::Actors, digest, part::Part, sweep_point::SweepPoint};
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 use std::{
     collections::BTreeMap,
     ops::{Deref, DerefMut},
@@ -32,43 +31,12 @@ mod shared {
 
 /// Id of a trial from the ids of its environment, agent and protocol.
 #[must_use]
-pub fn trial_id(parts: [&str; 3], seed: u64, numerics: u32, device: &str) -> String {
-    // The canonical text of `[parts, seed, numerics, device]`, written at once: a plan has many trials.
+pub fn trial_id(parts: [&str; 3], seed: u64, numerics: u32) -> String {
+    // The canonical text of `[parts, seed, numerics, "cpu"]`, written at once: a plan has many trials. The last word is a
+    // constant. Earlier versions named the device there, and trials that they stored keep their ids.
     let [environment, agent, protocol] = parts;
-    let device = json!(device);
-    let text = format!(r#"[["{environment}","{agent}","{protocol}",],{seed},{numerics},{device},]"#);
+    let text = format!(r#"[["{environment}","{agent}","{protocol}",],{seed},{numerics},"cpu",]"#);
     digest::of_bytes(text.as_bytes())
-}
-
-/// Kind of device; the trials of a plan share the word.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(from = "String", into = "String")]
-pub struct Device(Arc<String>);
-
-impl From<&str> for Device {
-    fn from(kind: &str) -> Self {
-        Self::from(kind.to_owned())
-    }
-}
-
-impl From<String> for Device {
-    fn from(kind: String) -> Self {
-        Self(Arc::new(kind))
-    }
-}
-
-impl From<Device> for String {
-    fn from(kind: Device) -> Self {
-        kind.to_string()
-    }
-}
-
-impl std::ops::Deref for Device {
-    type Target = str;
-
-    fn deref(&self) -> &str {
-        &self.0
-    }
 }
 
 /// Everything that determines the numbers of one trial, and nothing else. Trials of a plan that differ in their
@@ -88,8 +56,6 @@ pub struct TrialKey {
     pub seed: u64,
     /// Version of the shared numerical code.
     pub numerics: u32,
-    /// Kind of device, `cpu`.
-    pub device: Device,
 }
 
 impl TrialKey {
@@ -113,7 +79,6 @@ impl TrialKey {
             self.part_ids().each_ref().map(String::as_str),
             self.seed,
             self.numerics,
-            &self.device,
         )
     }
 
@@ -330,13 +295,14 @@ impl Trial {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::json;
 
     #[test]
     fn the_id_of_a_trial_is_the_hash_of_its_canonical_text() {
         let parts = ["0a", "1b", "2c"];
         assert_eq!(
-            trial_id(parts, 7, 3, "cpu \"odd\""),
-            digest::of_json(&json!([parts, 7, 3, "cpu \"odd\""]))
+            trial_id(parts, 7, 3),
+            digest::of_json(&json!([parts, 7, 3, "cpu"]))
         );
     }
 }

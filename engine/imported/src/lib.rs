@@ -115,7 +115,6 @@ impl RunCollection {
             protocol: part(Value::Null).into(),
             seed,
             numerics: 0,
-            device: "elsewhere".into(),
         };
         let id = format!(
             "{MARK}{}",

@@ -106,7 +106,6 @@ pub(super) mod tests {
                 protocol: protocol.into(),
                 seed,
                 numerics: 1,
-                device: "cpu".into(),
             };
             let setting = if seed == 1 { "rate=0.1 note=\"<&>\"" } else { "" };
             let trial = Trial {

@@ -26,7 +26,6 @@ pub fn trial(environment: &str, agent: &str, setting: &str, seed: u64, rows: &Ro
         protocol: part("train_evaluate").into(),
         seed,
         numerics: 1,
-        device: "cpu".into(),
     };
     let trial = Trial {
         id: format!("{environment}-{agent}-{seed}"),

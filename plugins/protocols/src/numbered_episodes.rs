@@ -127,7 +127,6 @@ pub(super) fn recorded(agent: &str, protocol: &str, config: &Value, seed: u64) -
         protocol: Part::new(protocol, 1, config).into(),
         seed,
         numerics: 1,
-        device: "cpu".into(),
     };
     key.run(&registry, None, &mut |_, _| {}, &mut NoKeeper)
 }

@@ -223,7 +223,6 @@ fn key(agent: &str, protocol: (&str, Value)) -> TrialKey {
         protocol: protocol.into(),
         seed: 3,
         numerics: 1,
-        device: "cpu".into(),
     }
 }
 

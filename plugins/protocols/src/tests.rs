@@ -173,7 +173,6 @@ fn key(agent: (&str, Value), protocol: (&str, Value)) -> TrialKey {
         protocol: Part::new(protocol.0, 1, protocol_config).into(),
         seed: 3,
         numerics: 1,
-        device: "cpu".into(),
     }
 }
 

@@ -338,7 +338,6 @@ mod tests {
             protocol: protocol.into(),
             seed: 0,
             numerics: 1,
-            device: "cpu".into(),
         };
         let trial = Trial {
             id: key.id(),

@@ -160,7 +160,6 @@ fn result(
             protocol: part().into(),
             seed,
             numerics: 1,
-            device: "cpu".into(),
         },
     };
     let row = |phase, step| Row {

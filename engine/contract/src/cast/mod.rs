@@ -182,7 +182,6 @@ pub(crate) mod tests {
             protocol: part().into(),
             seed: 0,
             numerics: 1,
-            device: "cpu".into(),
         }
     }
 

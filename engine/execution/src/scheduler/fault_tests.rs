@@ -85,7 +85,6 @@ fn trial(agent: Value, taken: Option<&Trial>, seed: u64) -> Trial {
         protocol: Part::new("train_evaluate", 1, steps).into(),
         seed,
         numerics: 1,
-        device: "cpu".into(),
     };
     Trial {
         id: key.id(),

@@ -304,7 +304,6 @@ mod tests {
             protocol: protocol.into(),
             seed: 0,
             numerics: 1,
-            device: "cpu".into(),
         };
         Trial {
             id: id.into(),

@@ -75,7 +75,6 @@ mod tests {
             protocol: part().into(),
             seed,
             numerics: 1,
-            device: "cpu".into(),
         };
         Trial {
             id: key.id(),

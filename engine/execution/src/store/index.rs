@@ -1,7 +1,7 @@
 //! Reading of many trials of a store at once: their ends, and the list of them.
 //!
 //! Only the requested part of each `trial.json` is parsed: the configs, which are most of it, are skipped.
-//! The ids of its parts, its seed, numerics version and device show that a file belongs to the trial in whose
+//! The ids of its parts, its seed and numerics version show that a file belongs to the trial in whose
 //! folder it lies.
 
 use super::{Store, TRIAL_SCHEMA, inside, names, seal::is_sealed};
@@ -58,8 +58,6 @@ pub struct StoredTrial {
     pub seed: u64,
     /// Version of the shared numerical code.
     pub numerics: u32,
-    /// Kind of the device.
-    pub device: String,
     /// End of the trial.
     pub end: TrialEnd,
     /// Time of the end, as the file has it; `None` where the program that stored it did not note it.
@@ -72,7 +70,7 @@ impl StoredTrial {
     /// Id of the trial.
     pub(super) fn id(&self) -> String {
         let parts = self.parts.each_ref().map(String::as_str);
-        trial_id(parts, self.seed, self.numerics, &self.device)
+        trial_id(parts, self.seed, self.numerics)
     }
 }
 
@@ -164,11 +162,11 @@ impl Store {
             .par_iter()
             .filter_map(|id| Some((id.as_str(), self.stored(id).ok()??)))
             .collect();
-        let mut cells: BTreeMap<([&str; 3], u32, &str), (&str, BTreeSet<u64>, Took)> = BTreeMap::new();
+        let mut cells: BTreeMap<([&str; 3], u32), (&str, BTreeSet<u64>, Took)> = BTreeMap::new();
         for (id, trial) in &others {
             let parts = trial.parts.each_ref().map(String::as_str);
             let cell = cells
-                .entry((parts, trial.numerics, &trial.device))
+                .entry((parts, trial.numerics))
                 .or_insert_with(|| (id, BTreeSet::new(), Took::default()));
             cell.1.insert(trial.seed);
             cell.2.add(took(&trial.end));
@@ -260,7 +258,6 @@ struct Outline<'a> {
 struct Replicate {
     seed: u64,
     numerics: u32,
-    device: String,
 }
 
 /// Signs that a later program wrote a `trial.json`. A text whose check does not hold is not believed.
@@ -295,11 +292,7 @@ pub(super) fn parse(text: &[u8]) -> Result<StoredTrial, String> {
     }
     let Outline {
         parts,
-        key: Replicate {
-            seed,
-            numerics,
-            device,
-        },
+        key: Replicate { seed, numerics },
         end,
         build,
         ended_at,
@@ -310,7 +303,6 @@ pub(super) fn parse(text: &[u8]) -> Result<StoredTrial, String> {
         parts,
         seed,
         numerics,
-        device,
         end,
         ended_at,
         build,

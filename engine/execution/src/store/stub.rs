@@ -16,7 +16,6 @@ pub(super) fn trial(cells: u32, seed: u64) -> Trial {
         protocol: part("evaluate").into(),
         seed,
         numerics: 1,
-        device: "cpu".into(),
     };
     Trial {
         id: key.id(),

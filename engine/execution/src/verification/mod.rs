@@ -136,7 +136,6 @@ mod tests {
             protocol: part().into(),
             seed,
             numerics: 1,
-            device: "cpu".into(),
         };
         Trial {
             id: format!("t{seed}"),
@@ -200,7 +199,6 @@ mod tests {
             protocol: Part::new(protocol, registry.protocols[protocol].about.version, json!({})).into(),
             seed: 1,
             numerics: registry.numerics_version,
-            device: "cpu".into(),
         };
         assert_eq!(cannot(&here, &registry), None);
         let mut older = here.clone();

@@ -1,7 +1,7 @@
 //! The trials of plays: every combination of agents over roles and every seed, after the trials that train
 //! them.
 
-use super::{DEVICE, TrialsByCell};
+use super::TrialsByCell;
 use crate::checked_study::Study;
 use analysis::cross_play::title;
 use contract::{
@@ -75,7 +75,6 @@ fn encounter(
         protocol: play.protocol.clone().into(),
         seed: study.seeds[latest],
         numerics: study.numerics,
-        device: DEVICE.into(),
     };
     Trial {
         id: key.id(),

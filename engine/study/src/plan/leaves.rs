@@ -141,11 +141,11 @@ impl Catalogue {
             .count()
     }
 
-    /// The leaves in which two combinations (parts, numerics version, device) differ.
+    /// The leaves in which two combinations (parts, numerics version) differ.
     pub fn differences(
         &self,
-        stored: &([PartIndex; 3], u32, &str),
-        planned: &([PartIndex; 3], u32, &str),
+        stored: &([PartIndex; 3], u32),
+        planned: &([PartIndex; 3], u32),
     ) -> Vec<Difference> {
         let mut found = Vec::new();
         let mut note = |what: String, stored: Option<Value>, planned: Option<Value>| {
@@ -168,7 +168,6 @@ impl Catalogue {
             Some(json!(stored.1)),
             Some(json!(planned.1)),
         );
-        note("device".into(), Some(json!(stored.2)), Some(json!(planned.2)));
         found
     }
 

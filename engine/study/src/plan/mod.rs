@@ -32,9 +32,6 @@ use std::{
     sync::Arc,
 };
 
-/// The kind of device that trials run on.
-const DEVICE: &str = "cpu";
-
 /// The trials of a study: those of its entries of `prepare`, then of environments, agents, settings and seeds, in the
 /// order of the study, then of its plays.
 ///
@@ -285,7 +282,7 @@ impl Study {
     /// The id of a trial of a cell that takes no artifact.
     fn id(&self, cell: &Cell, seed: u64) -> String {
         let parts = cell.parts.each_ref().map(|part| part.id());
-        trial_id(parts, seed, self.numerics, DEVICE)
+        trial_id(parts, seed, self.numerics)
     }
 
     fn named(&self, cell: &Cell) -> TrialCell {
@@ -346,7 +343,6 @@ impl Study {
             protocol: part(2),
             seed,
             numerics: self.numerics,
-            device: DEVICE.into(),
         }
     }
 }

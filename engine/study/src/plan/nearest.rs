@@ -1,7 +1,7 @@
 //! The trials in the store that are most like one of a plan, cell by cell.
 //!
 //! How far two combinations of parts are apart is the number of their differing leaves: values of the configs of
-//! environment, agent and protocol, plugins and their versions, numerics version and device. Seeds take no part
+//! environment, agent and protocol, plugins and their versions, and numerics version. Seeds take no part
 //! in it, nor do the names of a study.
 
 use super::leaves::{Catalogue, Difference, PartIndex};
@@ -22,7 +22,6 @@ const MOST_COMPARISONS: usize = 4_000_000;
 pub(super) struct IndexedParts {
     parts: [PartIndex; 3],
     numerics: u32,
-    device: String,
 }
 
 /// The stored trials of a combination.
@@ -157,7 +156,7 @@ impl<'a> Search<'a> {
 
     /// Number of differing leaves; counting stops above `enough`.
     fn distance(&self, one: &IndexedParts, other: &IndexedParts, enough: usize) -> usize {
-        let mut sum = usize::from(one.numerics != other.numerics) + usize::from(one.device != other.device);
+        let mut sum = usize::from(one.numerics != other.numerics);
         for (one, other) in one.parts.iter().zip(&other.parts) {
             if sum > enough {
                 break;
@@ -178,8 +177,8 @@ impl IndexedParts {
         ]
     }
 
-    fn as_tuple(&self) -> ([PartIndex; 3], u32, &str) {
-        (self.parts, self.numerics, &self.device)
+    fn as_tuple(&self) -> ([PartIndex; 3], u32) {
+        (self.parts, self.numerics)
     }
 }
 
@@ -193,7 +192,6 @@ impl Catalogue {
         IndexedParts {
             parts,
             numerics: key.numerics,
-            device: key.device.to_string(),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Reasons of new trials: the differences from the nearest trial in the store.
 //!
 //! The nearest stored trial is the one with the fewest differing leaves: values of the configs of environment, agent
-//! and protocol, plugins and their versions, numerics version, device and seed. Names of a study take no part in it.
+//! and protocol, plugins and their versions, numerics version and seed. Names of a study take no part in it.
 //! Seeds are not searched: combinations of parts are compared, each with its seeds.
 
 use super::{leaves::Difference, nearest::Search};

@@ -23,7 +23,6 @@ fn key() -> TrialKey {
         protocol: Part::new("train_evaluate", 1, json!({"steps": 60000, "episodes": 50})).into(),
         seed: 0,
         numerics: 1,
-        device: "cpu".into(),
     }
 }
 
@@ -109,13 +108,6 @@ fn each_kind_of_change_is_named() {
     assert_eq!(
         one(&TrialKey { numerics: 2, ..key() }),
         "0: numerics version 1 -> 2"
-    );
-    assert_eq!(
-        one(&TrialKey {
-            device: "gpu".into(),
-            ..key()
-        }),
-        "0: device cpu -> gpu"
     );
     let mut other = key();
     other.agent = Actors::Agent(Part::new("ddpg", 1, json!({}))).into();

@@ -132,7 +132,6 @@ fn key(noise: f64, protocol: Value) -> TrialKey {
         protocol: Part::new("search", 1, protocol).into(),
         seed: 5,
         numerics: 1,
-        device: "cpu".into(),
     }
 }
 

@@ -38,7 +38,6 @@ const NO_ORIGIN: u32 = u32::MAX;
 struct Origin {
     parts: [String; 3],
     numerics: u32,
-    device: String,
     build: Option<Build>,
     /// Whether the ends of its trials have a date.
     dated: bool,
@@ -123,7 +122,6 @@ impl OutlineWriter {
         let origin = Origin {
             parts: trial.parts.clone(),
             numerics: trial.numerics,
-            device: trial.device.clone(),
             build: trial.build.clone(),
             dated,
         };
@@ -159,7 +157,6 @@ fn told(origin: &Origin, outline: &Outline) -> StoredTrial {
         parts: origin.parts.clone(),
         seed: outline.seed,
         numerics: origin.numerics,
-        device: origin.device.clone(),
         end: TrialEnd {
             state: EndState::Ok,
             reason: String::new(),
@@ -275,7 +272,6 @@ mod tests {
                         parts: [part.clone(), part.clone(), part],
                         seed,
                         numerics,
-                        device: "cpu".into(),
                         end: TrialEnd {
                             state,
                             reason,
