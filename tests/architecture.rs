@@ -250,12 +250,16 @@ const OF_TRIALS: [&str; 3] = [
     "plugins/estimators/src",
     "plugins/protocols/src",
 ];
-const OF_NUMERICS: [&str; 7] = [
+const OF_NUMERICS: [&str; 11] = [
     "dirichlet.rs",
     "gamma.rs",
     "gauss_hermite.rs",
     "gaussian.rs",
     "matrices.rs",
+    "onnx/operators.rs",
+    "onnx/sums.rs",
+    "onnx/tensor.rs",
+    "policy_file.rs",
     "special.rs",
     "unscented.rs",
 ];

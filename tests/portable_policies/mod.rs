@@ -42,11 +42,9 @@ const HEADS: [Head; 6] = [
     Head::Argmax,
     Head::Identity,
 ];
-/// Largest difference, in parts of the scale, beside what the last bit of each observation is worth. Held against the same
-/// graphs in `float64`, this program and onnxruntime are each off by up to 1.34e-6, so that two orders of adding may
-/// differ by twice that. Where a policy divides by a small deviation of what it saw, single precision itself is further
-/// off: by 4.7e-6 in this program, onnxruntime and NumPy alike.
-const TOLERANCE: f64 = 2.7e-6;
+/// Largest difference, in parts of the scale. Held against the same graphs in `float64`, this program and onnxruntime are
+/// both off by up to 4.7e-6 where inputs are divided by small deviations, but nearly alike.
+const TOLERANCE: f64 = 2e-6;
 /// Rows that are computed at once.
 const ROWS: usize = 64;
 
@@ -65,21 +63,20 @@ impl Cases {
         let entries = actions.iter().flatten();
         let scale = entries.fold(1.0, |largest: f64, entry| largest.max(entry.abs()));
         let network = Network::read(onnx).unwrap_or_else(|error| panic!("{name}: {error}"));
-        let mut tolerance = TOLERANCE;
         for (row, action) in rows.iter().zip(&actions) {
             let found = network.run(row).unwrap();
-            let difference = largest_difference(&found, action) / scale;
-            if difference <= TOLERANCE {
-                continue;
-            }
-            tolerance = tolerance.max(TOLERANCE + worth_of_last_bits(&network, row) / scale);
+            let is_near = found.len() == action.len()
+                && found
+                    .iter()
+                    .zip(action)
+                    .all(|(a, b)| (a - b).abs() <= TOLERANCE * scale);
             assert!(
-                difference <= tolerance,
+                is_near,
                 "{name} at {row:?}: {found:?} is read back, {action:?} is computed here"
             );
         }
         let case =
-            json!({ "observations": rows, "actions": actions, "scale": scale, "tolerance": tolerance });
+            json!({ "observations": rows, "actions": actions, "scale": scale, "tolerance": TOLERANCE });
         fs::write(self.0.path().join(format!("{name}.onnx")), onnx).unwrap();
         fs::write(self.0.path().join(format!("{name}.json")), case.to_string()).unwrap();
     }
@@ -105,26 +102,6 @@ fn run_with_tract(folder: &str) {
     let output = Command::new(program).arg(folder).output().unwrap();
     let texts = [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned());
     assert!(output.status.success(), "{texts:?}");
-}
-
-/// How far an action moves when the last bit of each observation does, all in the worst direction.
-fn worth_of_last_bits(network: &Network, row: &[f64]) -> f64 {
-    let found = network.run(row).unwrap();
-    let worth = |at: usize| {
-        let mut moved = row.to_vec();
-        moved[at] *= 1.0 + f64::from(f32::EPSILON);
-        largest_difference(&network.run(&moved).unwrap(), &found)
-    };
-    (0..row.len()).map(worth).sum()
-}
-
-fn largest_difference(one: &[f64], other: &[f64]) -> f64 {
-    assert_eq!(one.len(), other.len());
-    let differences = one.iter().zip(other).map(|(a, b)| (a - b).abs());
-    differences.fold(
-        0.0,
-        |largest, it| if it > largest || it.is_nan() { it } else { largest },
-    )
 }
 
 /// A number that single precision holds.

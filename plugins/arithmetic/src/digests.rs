@@ -76,6 +76,16 @@ pub fn shape(i: u64) -> f64 {
     power * (1.0 + uniform(mix(i)))
 }
 
+/// Digest of one class of the inputs below `2^bits`.
+#[must_use]
+pub fn class(bits: u32, class: u64, summand: impl Fn(u64) -> u64) -> u64 {
+    let mut sum = 0_u64;
+    for at in 0..(1 << bits) / CLASSES {
+        sum = sum.wrapping_add(summand(at * CLASSES + class));
+    }
+    sum
+}
+
 /// Summand of input `i` of a function of `f32`.
 #[inline(always)]
 #[must_use]

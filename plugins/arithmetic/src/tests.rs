@@ -1,6 +1,6 @@
 //! Errors and special values of the functions, the distribution of the draws, the order of sums, and the digests.
 
-use crate::digests::{self, DOUBLE, KEPT, SINGLE};
+use crate::digests::{self, DOUBLE, KEPT, SINGLE, class};
 use crate::draws::{GOLDEN, Stream, WordStream, log_gamma, mix, normal, uniform};
 use crate::products::{BLOCK, Matrix, SUM_BLOCK, product, row_sums, sum, sum_of_squares};
 use crate::steps::{Rates, clip, follow};
@@ -23,11 +23,6 @@ fn kept(name: &str) -> Vec<u64> {
     words
         .map(|word| u64::from_str_radix(word, 16).expect("hexadecimal digits"))
         .collect()
-}
-
-fn class(bits: u32, class: u64, summand: impl Fn(u64) -> u64) -> u64 {
-    let inputs = (class..1 << bits).step_by(4096);
-    inputs.fold(0, |sum, i| sum.wrapping_add(summand(i)))
 }
 
 /// Tests two classes of a function of `f32`: 2^21 of its inputs, spread over all of them.

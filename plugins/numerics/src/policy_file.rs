@@ -15,7 +15,10 @@
 use crate::activation::Activation;
 use crate::equations::{network::Network, state_file::store_network};
 use crate::tensor_file::{TensorFile, TensorFileError};
-use arithmetic::products::{Matrix, product};
+use arithmetic::{
+    double,
+    products::{Matrix, product},
+};
 use plan::State;
 use rand::RngCore;
 use serde::{Deserialize, Serialize};
@@ -300,7 +303,7 @@ impl Head {
             Head::DirichletMean => normalised(x.iter().map(|x| softplus(*x) + 1.0).collect()),
             Head::DirichletMode => normalised(x.iter().map(|x| softplus(*x)).collect()),
             Head::SoftmaxMean => softmax(x),
-            Head::Tanh => x.iter().map(|x| x.tanh()).collect(),
+            Head::Tanh => x.iter().map(|x| double::tanh(*x)).collect(),
             Head::Argmax => vec![argmax(x)],
             Head::Identity => x.to_vec(),
         }
@@ -310,14 +313,14 @@ impl Head {
 /// Softplus `ln(1 + e^x)` without overflow.
 #[must_use]
 pub fn softplus(x: f64) -> f64 {
-    x.max(0.0) + (-x.abs()).exp().ln_1p()
+    x.max(0.0) + double::ln_1p(double::exp(-x.abs()))
 }
 
 /// Softmax `e^x_i / sum_j e^x_j`; the largest entry is subtracted so that no exponential overflows.
 #[must_use]
 pub fn softmax(x: &[f64]) -> Vec<f64> {
     let greatest = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    normalised(x.iter().map(|x| (x - greatest).exp()).collect())
+    normalised(x.iter().map(|x| double::exp(x - greatest)).collect())
 }
 
 fn normalised(x: Vec<f64>) -> Vec<f64> {

@@ -9,7 +9,7 @@ mod datasets;
 mod recorded;
 
 use arithmetic::digests::{
-    CLASSES, DOUBLE, SINGLE, double_summand, log_gamma_summand, normal_summand, single_summand, steps,
+    DOUBLE, SINGLE, class, double_summand, log_gamma_summand, normal_summand, single_summand, steps,
 };
 use contract::{Registry, part::Part};
 use serde_json::Value;
@@ -36,24 +36,18 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// Names as in `plugins/arithmetic/fixtures/digests.txt`.
 fn of_arithmetic() -> impl Iterator<Item = (String, u64)> {
     let single = SINGLE.into_iter().map(|(name, function)| {
-        let digest = first_class(32, |i| single_summand(function, i as u32));
+        let digest = class(32, 0, |i| single_summand(function, i as u32));
         (format!("f32.{name}"), digest)
     });
     let double = DOUBLE.into_iter().map(|function| {
-        let digest = first_class(28, |i| double_summand(&function, i));
+        let digest = class(28, 0, |i| double_summand(&function, i));
         (format!("f64.{}", function.0), digest)
     });
     let draws = [
         ("normal", normal_summand as fn(u64) -> u64),
         ("log_gamma", log_gamma_summand),
     ];
-    let draws = draws.into_iter().map(|(name, summand)| (format!("draw.{name}"), first_class(24, summand)));
+    let draws = draws.into_iter().map(|(name, summand)| (format!("draw.{name}"), class(24, 0, summand)));
     let steps = steps().into_iter().map(|(name, digest)| (format!("steps.{name}"), digest));
     single.chain(double).chain(draws).chain(steps)
-}
-
-/// Sum over the first class of the inputs below `2^bits`.
-fn first_class(bits: u32, summand: impl Fn(u64) -> u64) -> u64 {
-    let inputs = (0..1 << bits).step_by(CLASSES as usize);
-    inputs.fold(0, |sum: u64, i| sum.wrapping_add(summand(i)))
 }

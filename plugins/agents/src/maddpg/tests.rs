@@ -156,15 +156,21 @@ fn noise_declines_and_is_absent_in_evaluation() {
     assert_eq!(scored, act(Mode::Evaluate));
 }
 
+/// Single starts end between -0.027 and -0.009, so that one says little.
 #[test]
-fn it_learns_to_coordinate() {
-    let mut rng = stream(&["coordination"]);
-    let mut agent = agent(tiny());
-    let before = game::score(&mut agent, &mut rng);
-    game::train(&mut agent, 400, &mut rng);
-    let after = game::score(&mut agent, &mut rng);
-    // It loses less than a third of the loss that it began with.
-    assert!(before < -0.05 && after > before / 3.0, "{before} {after}");
+fn it_learns_to_coordinate_from_twelve_starts_in_the_mean() {
+    let scores = |start: u32| {
+        let name = start.to_string();
+        let mut rng = stream(&["coordination", &name]);
+        let mut agent = Maddpg::new(tiny(), &game::game(), &mut stream(&["maddpg", &name])).unwrap();
+        let before = game::score(&mut agent, &mut rng);
+        game::train(&mut agent, 400, &mut rng);
+        [before, game::score(&mut agent, &mut rng)]
+    };
+    let all: Vec<[f64; 2]> = (0..12).map(scores).collect();
+    let mean = |at: usize| all.iter().map(|scores| scores[at]).sum::<f64>() / 12.0;
+    assert!(all.iter().all(|[before, _]| *before < -0.05), "{all:?}");
+    assert!(mean(1) > -0.02, "{all:?}");
 }
 
 #[test]

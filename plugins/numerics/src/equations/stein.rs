@@ -15,6 +15,7 @@
 //!
 //! The median is the lower one of an even number of distances, and the bandwidth is a constant of the gradient.
 
+use arithmetic::double;
 use plan::Expression;
 
 /// Smallest bandwidth: below it, particles at the same place would not repel each other any more.
@@ -68,7 +69,7 @@ pub fn stein_direction<'e>(
 
     let n_pairs = n_moved * n_held;
     let median = distances.reshape([rows, n_pairs]).ranked((n_pairs - 1) / 2);
-    let bandwidth = (median / (n_held as f64).ln()).clamp(SMALLEST_BANDWIDTH, f64::INFINITY);
+    let bandwidth = (median / double::ln(n_held as f64)).clamp(SMALLEST_BANDWIDTH, f64::INFINITY);
     let h = bandwidth.repeat_rows(n_moved);
     let kernel = (-distances / h).exp();
     let phi = |(entry, difference): (usize, &Expression<'e>)| {

@@ -6,6 +6,11 @@ use super::{
     sums::{self, Reduction},
     tensor::{ElementType, Tensor},
 };
+use arithmetic::{
+    double::{exp, exp_m1, ln, ln_1p, tanh},
+    power::pow,
+    trigonometry,
+};
 use std::collections::BTreeMap;
 
 /// Names of the supported operators, in alphabetical order.
@@ -188,11 +193,11 @@ pub(super) fn computed(
         "Cast" => cast(settings, inputs.at(0)?),
         "Gemm" => sums::gemm(settings, &inputs),
         "MatMul" => sums::matmul(inputs.at(0)?, inputs.at(1)?),
-        "Softmax" => sums::shares(inputs.at(0)?, settings.axis_of_shares(), f64::exp, |x, total| {
-            x.exp() / total
+        "Softmax" => sums::shares(inputs.at(0)?, settings.axis_of_shares(), exp, |x, total| {
+            exp(x) / total
         }),
-        "LogSoftmax" => sums::shares(inputs.at(0)?, settings.axis_of_shares(), f64::exp, |x, total| {
-            x - total.ln()
+        "LogSoftmax" => sums::shares(inputs.at(0)?, settings.axis_of_shares(), exp, |x, total| {
+            x - ln(total)
         }),
         "LayerNormalization" => sums::layer_normalised(settings, &inputs),
         "ReduceSum" => sums::reduced(settings, &inputs, Reduction::Sum),
@@ -223,32 +228,32 @@ fn one_to_one(operator: &str, settings: &Settings) -> Option<Box<dyn Fn(f64) -> 
     let alpha = |otherwise| settings.float("alpha", otherwise);
     Some(match operator {
         "Abs" => Box::new(f64::abs),
-        "Atanh" => Box::new(f64::atanh),
+        "Atanh" => Box::new(|x| 0.5 * (ln_1p(x) - ln_1p(-x))),
         "Ceil" => Box::new(f64::ceil),
-        "Cos" => Box::new(f64::cos),
-        "Exp" => Box::new(f64::exp),
+        "Cos" => Box::new(trigonometry::cos),
+        "Exp" => Box::new(exp),
         "Floor" => Box::new(f64::floor),
-        "Log" => Box::new(f64::ln),
+        "Log" => Box::new(ln),
         "Neg" => Box::new(|x| -x),
         "Reciprocal" => Box::new(f64::recip),
         "Relu" => Box::new(|x| if x < 0.0 { 0.0 } else { x }),
-        "Sigmoid" => Box::new(|x| 1.0 / (1.0 + (-x).exp())),
+        "Sigmoid" => Box::new(|x| 1.0 / (1.0 + exp(-x))),
         "Sign" => Box::new(|x| if x == 0.0 { 0.0 } else { x.signum() }),
-        "Sin" => Box::new(f64::sin),
+        "Sin" => Box::new(trigonometry::sin),
         "Softplus" => Box::new(crate::policy_file::softplus),
         "Sqrt" => Box::new(f64::sqrt),
-        "Tanh" => Box::new(f64::tanh),
+        "Tanh" => Box::new(tanh),
         "LeakyRelu" => {
             let alpha = alpha(0.01);
             Box::new(move |x| if x < 0.0 { alpha * x } else { x })
         }
         "Elu" => {
             let alpha = alpha(1.0);
-            Box::new(move |x| if x < 0.0 { alpha * x.exp_m1() } else { x })
+            Box::new(move |x| if x < 0.0 { alpha * exp_m1(x) } else { x })
         }
         "Selu" => {
             let (alpha, gamma) = (alpha(SELU.0), settings.float("gamma", SELU.1));
-            Box::new(move |x| gamma * if x < 0.0 { alpha * x.exp_m1() } else { x })
+            Box::new(move |x| gamma * if x < 0.0 { alpha * exp_m1(x) } else { x })
         }
         _ => return None,
     })
@@ -264,7 +269,7 @@ fn two_to_one(operator: &str) -> Option<(BinaryFunction, bool)> {
         "Sub" => (|a, b| a - b, false),
         "Mul" => (|a, b| a * b, false),
         "Div" => (|a, b| a / b, false),
-        "Pow" => (f64::powf, false),
+        "Pow" => (pow, false),
         "And" => (|a, b| f64::from(a != 0.0 && b != 0.0), true),
         "Or" => (|a, b| f64::from(a != 0.0 || b != 0.0), true),
         "Equal" => (|a, b| f64::from(a == b), true),

@@ -5,6 +5,7 @@ use super::{
     operators::{Inputs, Settings},
     tensor::{ElementType, Tensor},
 };
+use arithmetic::products::{self, Matrix};
 
 /// Operator `Gemm`: `alpha A B + beta C`, with optional transposition of A and B.
 pub(super) fn gemm(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, String> {
@@ -49,7 +50,7 @@ pub(super) fn matmul(a: &Tensor, b: &Tensor) -> Result<Tensor, String> {
     Ok(Tensor::new(a.kind, shape, found.values))
 }
 
-/// Product in double precision; each sum has its terms in order.
+/// Product of two matrices, in double precision where one of them is.
 fn product(a: &Tensor, b: &Tensor) -> Result<Tensor, String> {
     let (&[rows, inner], &[other, columns]) = (&a.shape[..], &b.shape[..]) else {
         return Err(format!(
@@ -63,19 +64,39 @@ fn product(a: &Tensor, b: &Tensor) -> Result<Tensor, String> {
             a.shape, b.shape
         ));
     }
+    let values = if [a, b].iter().all(|it| it.kind == ElementType::Single) {
+        let [singles, weights] = [a, b].map(singles);
+        let (a, b) = (
+            Matrix::new(&singles, rows, inner),
+            Matrix::new(&weights, inner, columns),
+        );
+        products::product(a, b).into_iter().map(f64::from).collect()
+    } else {
+        product_in_double(&a.values, &b.values, [rows, inner, columns])
+    };
+    Ok(Tensor::new(ElementType::Double, vec![rows, columns], values))
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "single precision holds them")]
+fn singles(tensor: &Tensor) -> Vec<f32> {
+    tensor.values.iter().map(|value| *value as f32).collect()
+}
+
+/// Each sum has its terms in order.
+fn product_in_double(a: &[f64], b: &[f64], [rows, inner, columns]: [usize; 3]) -> Vec<f64> {
     let mut values = vec![0.0; rows * columns];
     for row in 0..rows {
         let sums = &mut values[row * columns..(row + 1) * columns];
-        for (x, weights) in a.values[row * inner..(row + 1) * inner]
+        for (x, weights) in a[row * inner..(row + 1) * inner]
             .iter()
-            .zip(b.values.chunks(columns.max(1)))
+            .zip(b.chunks(columns.max(1)))
         {
             sums.iter_mut()
                 .zip(weights)
                 .for_each(|(sum, weight)| *sum += x * weight);
         }
     }
-    Ok(Tensor::new(ElementType::Double, vec![rows, columns], values))
+    values
 }
 
 fn transposed(matrix: &Tensor) -> Result<Tensor, String> {

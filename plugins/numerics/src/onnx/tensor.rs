@@ -1,8 +1,8 @@
 //! Tensors of a network that is read: numbers of every kind as `f64`, rounded to the kind after each
 //! operation.
 //!
-//! A sum of products is rounded once, and the order of its terms is fixed, so that a row has the same bits in
-//! every batch.
+//! Products of `float32` are those of [`arithmetic::products`], so that a policy that an agent left has the sums here that it
+//! had there. The order of terms is fixed, so that a row has the same bits in every batch.
 
 use super::messages;
 
