@@ -381,3 +381,40 @@ fn learns_as_told(registry: &Registry, name: &str) -> bool {
                 > 0.0
         })
 }
+
+/// Estimators of gradients have closed forms, and two searches have counts, in place of networks.
+#[test]
+fn the_plan_of_every_agent_that_trains_networks_can_be_printed() {
+    let registry = registry();
+    let interfaces: Vec<Interface> = ready_made(&registry)
+        .map(|name| default_environment(&registry, name).interface())
+        .collect();
+    let (mut printed, mut without) = (0, Vec::new());
+    for (name, entry) in acting(&registry).filter(|(_, entry)| entry.traits.learns()) {
+        let build = |interface| (entry.build)(&entry.about.defaults, interface, &mut stream(&["plan"])).ok();
+        let mut agent = interfaces
+            .iter()
+            .find_map(build)
+            .unwrap_or_else(|| panic!("{name} fits nowhere"));
+        match (agent.plan(8), agent.updates()) {
+            (Some(plan), _) => {
+                assert!(
+                    plan.contains(" operations, ") && plan.contains("<- Adam"),
+                    "{name}: {plan}"
+                );
+                printed += 1;
+            }
+            (None, Some(_)) => without.push(name),
+            (None, None) => {}
+        }
+    }
+    let no_networks = [
+        "dirichlet_gradient",
+        "gaussian_softmax_gradient",
+        "opponent_gradients",
+        "regularised_evolution",
+        "tree_parzen",
+    ];
+    assert_eq!(without, no_networks);
+    assert!(printed >= 20, "{printed}");
+}

@@ -253,3 +253,40 @@ fn a_shell_completes_the_command_line_and_man_shows_it() {
         "{page}"
     );
 }
+
+#[test]
+fn a_plan_is_printed_with_its_cost_and_a_refusal_says_why_there_is_none() {
+    let bench = Bench::new();
+    let printed = bench.ok(&["describe", "td3_bc", "--plan", "battery"]);
+    let costs: Vec<&str> = printed.lines().filter(|line| !line.starts_with(' ')).collect();
+    assert!(
+        costs
+            .iter()
+            .all(|line| line.contains(" operations, ") && line.ends_with(" bytes")),
+        "{costs:?}"
+    );
+    assert!(
+        printed.contains("`policy.layers.0.weight` [9, 256] <- Adam"),
+        "{printed}"
+    );
+    for (words, said) in [
+        (
+            ["equal_split", "battery"],
+            "it does not learn by a plan of operations",
+        ),
+        (
+            ["td3_bc", "batery"],
+            "there is no `batery` among the environments",
+        ),
+        (["td3", "battery"], "there is no `td3` among the agents"),
+        (["td3_bc", "image_samples"], "td3_bc"),
+    ] {
+        let answer = bench.run(&["describe", words[0], "--plan", words[1]]);
+        assert!(
+            answer.code == 2 && answer.err.contains(said),
+            "{}: {}",
+            answer.code,
+            answer.err
+        );
+    }
+}

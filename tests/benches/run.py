@@ -172,6 +172,8 @@ for script, starts in (("programs_submitit.py", 100), ("programs_ray.py", 100)):
     compare("trivial program (s)", "s_per_trial", lambda: trivial_programs(1000), lambda: peer(script, starts, *programs.SHELL), False)
 for agent in ("tdom_ac", "rommeo", "pr2"):
     compare(f"joint update of {agent} (s)", "median_s", lambda: bench("joint_learning", agent, 5), lambda: peer("joint_torch.py", agent, 5, cpu=0), False)
+for name, agent, script in (("CLAC", "clac", "clac_torch.py"), ("QMIX", "value_decomposition", "qmix_torch.py")):
+    compare(f"update of {name} (s)", "median_s", lambda: bench("joint_learning", agent, 5), lambda: peer(script, 5, cpu=0), False)
 IMAGES = [("convolve_3x3", 16, 16, 16), ("convolve_3x3", 32, 32, 16), ("convolve_3x3", 3, 16, 32), ("convolve_3x3", 16, 3, 32)]
 POINTWISE = ("batch", "batch_relu", "instance", "instance_relu", "bilinear", "nearest", "pool", "relu", "tanh", "spectral")
 IMAGES += [(name, 32, 32, 16) for name in ("convolve_1x1", "deconvolve_2x2", *POINTWISE)]

@@ -35,7 +35,7 @@ use contract::{
     Transition, Updates,
 };
 use numerics::equations::network::Network;
-use plan::{Descent, Expression, Plans};
+use plan::{Descent, Expression, Plans, Processor};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -97,16 +97,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// # Errors
 /// [`Error::Mismatch`] for any other seat.
 fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let form = ActorSettings {
-        width: config.width,
-        layers: config.layers,
-        scale_by: config.scale_by,
-    };
-    Ok(Box::new(BehaviourCloning {
-        actor: DatasetActor::new(NAME, &form, interface, rng)?,
-        learning: Plans::default(),
-        config,
-    }))
+    Ok(Box::new(BehaviourCloning::new(config, interface, rng)?))
 }
 
 /// Metrics that [`BehaviourCloning::learn`] records.
@@ -121,6 +112,31 @@ fn metrics() -> Vec<Metric> {
         )
         .lower_is_better(),
     ]
+}
+
+impl BehaviourCloning {
+    fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
+        let form = ActorSettings {
+            width: config.width,
+            layers: config.layers,
+            scale_by: config.scale_by,
+        };
+        Ok(Self {
+            actor: DatasetActor::new(NAME, &form, interface, rng)?,
+            learning: Plans::default(),
+            config,
+        })
+    }
+
+    /// The plan for a batch of so many rows, and the actor that it trains.
+    fn written(&mut self, n_rows: usize) -> (&mut Processor<f32>, &mut DatasetActor) {
+        let (actor, config) = (&mut self.actor, &self.config);
+        let (set, policy, widths) = (actor.actions, &actor.policy, actor.widths());
+        let plan = plan_of(&mut self.learning, n_rows, widths, |batch| {
+            update(set, policy, batch, config);
+        });
+        (plan, actor)
+    }
 }
 
 /// One update of the policy.
@@ -155,12 +171,8 @@ impl Agent for BehaviourCloning {
     }
 
     fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let (actor, config) = (&mut self.actor, &self.config);
-        let batch = actor.batch(transitions);
-        let (set, policy, widths) = (actor.actions, &actor.policy, actor.widths());
-        let plan = plan_of(&mut self.learning, batch.n_rows, widths, |batch| {
-            update(set, policy, batch, config);
-        });
+        let batch = self.actor.batch(transitions);
+        let (plan, actor) = self.written(batch.n_rows);
         batch.write(plan);
         plan.run("update", &mut actor.state);
         let loss = finite("clone_loss", actor.n_updates, plan.number("clone_loss"))?;
@@ -168,6 +180,10 @@ impl Agent for BehaviourCloning {
         record.mean("clone_error", plan.number("clone_error"));
         actor.n_updates += 1;
         Ok(())
+    }
+
+    fn plan(&mut self, n_rows: usize) -> Option<String> {
+        Some(self.written(n_rows).0.graph().to_string())
     }
 
     fn updates(&self) -> Option<Updates> {
@@ -200,7 +216,7 @@ mod tests {
         gradient_checks::computed,
     };
     use contract::random::stream;
-    use plan::{Equations, Processor, State, differences::largest_error};
+    use plan::{Equations, State, differences::largest_error};
     use rand::Rng as _;
 
     fn tiny() -> Config {
@@ -337,5 +353,14 @@ mod tests {
         bandit::assert_declared(agent(&bandit::interface()).as_mut(), &metrics());
         bandit::assert_exports(agent(&bandit::interface()).as_mut());
         bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());
+    }
+
+    #[test]
+    fn members_of_a_population_learn_as_trials_alone() {
+        crate::shared::population::assert_members_learn_as_alone(
+            |rng| BehaviourCloning::new(tiny(), &bandit::interface(), rng).unwrap(),
+            |agent| std::slice::from_mut(&mut agent.learning),
+            |agent, rng| drop(bandit::train(agent, 5, rng)),
+        );
     }
 }

@@ -262,6 +262,10 @@ impl Agent for E2Gan {
             .try_for_each(|transition| self.take(transition, rng, record))
     }
 
+    fn plan(&mut self, n_rows: usize) -> Option<String> {
+        self.actor_critic.plan(n_rows)
+    }
+
     fn updates(&self) -> Option<Updates> {
         let first_after = if self.config.update_with_everything {
             1

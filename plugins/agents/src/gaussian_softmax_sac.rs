@@ -306,7 +306,7 @@ impl Agent for GaussianSoftmaxSac {
         Ok(())
     }
 
-    fn plan(&mut self) -> Option<String> {
+    fn plan(&mut self, _: usize) -> Option<String> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
         let plan = plan_of(&mut self.learning, config.batch_size, widths, |batch| {
             learner.update(batch, |all| all);
@@ -442,5 +442,14 @@ mod tests {
     fn the_exported_policy_takes_the_evaluation_actions() {
         bandit::assert_exports(&mut agent(tiny()));
         bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());
+    }
+
+    #[test]
+    fn members_of_a_population_learn_as_trials_alone() {
+        crate::shared::population::assert_members_learn_as_alone(
+            |rng| GaussianSoftmaxSac::new(tiny(), &bandit::interface(), rng).unwrap(),
+            |agent| std::slice::from_mut(&mut agent.learning),
+            |agent, rng| drop(bandit::train(agent, 5, rng)),
+        );
     }
 }

@@ -388,4 +388,9 @@ mod tests {
     fn recorded_metrics_are_declared() {
         trials::assert_declared(tiny(), metrics());
     }
+
+    #[test]
+    fn members_of_a_population_learn_as_trials_alone() {
+        trials::assert_members_learn_as_alone(&tiny());
+    }
 }

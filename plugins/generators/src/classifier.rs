@@ -14,7 +14,7 @@ use numerics::{
     equations::state_file,
     tensor_file::{TensorFile, TensorFileError},
 };
-use plan::{Descent, Equations, Expression, Plans};
+use plan::{Descent, Equations, Expression, Plans, Processor, State};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -79,6 +79,20 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
         learning_rate: config.learning_rate,
         n_updates: 0,
     }))
+}
+
+impl ImageClassifier {
+    /// The plan for so many images, and the state that it trains.
+    fn written(&mut self, n_images: usize) -> (&mut Processor<f32>, &mut State<f32>) {
+        let (form, rate) = (self.network.form(), self.learning_rate);
+        let plan = self.learning.of_rows(n_images, |equations| {
+            let loss = cross_entropy(form, equations, n_images);
+            equations.output("cross_entropy", loss);
+            let descent = Descent::adam("learning_rate", rate, None);
+            equations.descend(loss, &form.expressions(equations), &descent);
+        });
+        (plan, &mut self.network.state)
+    }
 }
 
 fn form(config: &Config, interface: &Interface) -> Result<NetworkSizes, Error> {
@@ -159,19 +173,13 @@ impl Agent for ImageClassifier {
 
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let (form, rate, n) = (self.network.form(), self.learning_rate, transitions.len());
-        let plan = self.learning.of_rows(n, |equations| {
-            let loss = cross_entropy(form, equations, n);
-            equations.output("cross_entropy", loss);
-            let descent = Descent::adam("learning_rate", rate, None);
-            equations.descend(loss, &form.expressions(equations), &descent);
-        });
+        let (plan, state) = self.written(transitions.len());
         let answers = transitions
             .iter()
             .flat_map(|one| one.observation.state.iter().map(|is| *is as f32));
         plan.write("answers", &answers.collect::<Vec<f32>>());
         plan.write("images", &images(transitions.iter().map(|one| &one.observation)));
-        plan.run("update", &mut self.network.state);
+        plan.run("update", state);
         let value = plan.number("cross_entropy");
         if !value.is_finite() {
             return Err(Error::NotFinite {
@@ -183,6 +191,10 @@ impl Agent for ImageClassifier {
         record.mean("cross_entropy", value);
         self.n_updates += 1;
         Ok(())
+    }
+
+    fn plan(&mut self, n_rows: usize) -> Option<String> {
+        Some(self.written(n_rows).0.graph().to_string())
     }
 
     fn reads_state(&self) -> bool {

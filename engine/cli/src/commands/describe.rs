@@ -9,6 +9,9 @@ use serde_json::{Value, json};
 use session::{Exit, Failure};
 use std::path::{Path, PathBuf};
 
+/// Rows of a batch whose size is the protocol's, in a plan that is printed.
+const ROWS: usize = 256;
+
 /// Lists names with a line each.
 pub(super) fn list(registry: &Registry, group: Option<Group>, common: &Common) -> Result<Exit, Failure> {
     let groups = group.map_or_else(|| Group::ALL.to_vec(), |group| vec![group]);
@@ -110,9 +113,9 @@ fn print_plan(registry: &Registry, agent: &str, environment: &str) -> Result<Exi
     let world = world.ok_or_else(|| unknown(Group::Environments, environment))?;
     let interface = (world.build)(&world.about.defaults)?.interface();
     let mut rng = contract::random::stream(&["plan"]);
-    let plan = (learner.build)(&learner.about.defaults, &interface, &mut rng)?.plan();
+    let plan = (learner.build)(&learner.about.defaults, &interface, &mut rng)?.plan(ROWS);
     let none = || {
-        let why = "it does not learn from batches of its own by a plan of operations";
+        let why = "it does not learn by a plan of operations";
         Failure::refusal(format!("`{agent}` has no plan to print: {why}"))
     };
     say(&plan.ok_or_else(none)?);

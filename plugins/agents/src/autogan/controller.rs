@@ -130,6 +130,12 @@ impl Controller {
         plan.run("improve", &mut self.state);
     }
 
+    /// The operations of an update by a design with so many steps.
+    pub(super) fn plan(&mut self, n_steps: usize) -> String {
+        let plan = plan_of(&self.layers, &mut self.learning, n_steps, self.learning_rate);
+        plan.graph().to_string()
+    }
+
     /// Stores parameters and moments.
     pub(super) fn store(&self, file: &mut TensorFile) {
         state_file::store(&self.state, file);
@@ -144,16 +150,26 @@ impl Controller {
     }
 }
 
-/// The plan for designs with this number of steps, with a design as its inputs.
+/// The plan for designs with this number of steps.
+fn plan_of<'p>(
+    layers: &Layers,
+    plans: &'p mut Plans,
+    n_steps: usize,
+    learning_rate: f64,
+) -> &'p mut Processor<f32> {
+    plans.of_rows(n_steps, |equations| {
+        layers.learn(equations, n_steps, learning_rate)
+    })
+}
+
+/// The plan for designs with as many steps as this one, which is written to its inputs.
 fn written<'p>(
     layers: &Layers,
     plans: &'p mut Plans,
     design: &[Vec<usize>],
     learning_rate: f64,
 ) -> &'p mut Processor<f32> {
-    let plan = plans.of_rows(design.len(), |equations| {
-        layers.learn(equations, design.len(), learning_rate);
-    });
+    let plan = plan_of(layers, plans, design.len(), learning_rate);
     let (before, taken) = layers.inputs(design);
     plan.write("before", &before);
     plan.write("taken", &taken);
@@ -298,5 +314,9 @@ impl Controller {
     /// Layers and parameters.
     pub(super) fn parts(&self) -> (&Layers, &State<f32>) {
         (&self.layers, &self.state)
+    }
+
+    pub(super) fn learning(&mut self) -> &mut Plans {
+        &mut self.learning
     }
 }

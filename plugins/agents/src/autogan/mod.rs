@@ -348,6 +348,10 @@ impl Agent for AutoGan {
         Ok(())
     }
 
+    fn plan(&mut self, _: usize) -> Option<String> {
+        Some(self.controller.plan(1))
+    }
+
     fn updates(&self) -> Option<Updates> {
         Some(Updates {
             made: self.state.n_updates,

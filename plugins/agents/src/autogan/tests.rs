@@ -159,3 +159,12 @@ fn settings_that_contradict_each_other_are_refused() {
     });
     assert!(text.contains("`kept_designs`: 11 are kept of 10"), "{text}");
 }
+
+#[test]
+fn members_of_a_population_learn_as_trials_alone() {
+    crate::shared::population::assert_members_learn_as_alone(
+        |rng| AutoGan::new(quick(), &interface(), rng).unwrap(),
+        |agent| std::slice::from_mut(agent.controller.learning()),
+        |agent, rng| drop(search(agent, 10, rng)),
+    );
+}

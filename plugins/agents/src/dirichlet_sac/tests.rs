@@ -369,3 +369,12 @@ fn a_loss_that_is_not_finite_is_an_error() {
         Err(Error::NotFinite { .. })
     ));
 }
+
+#[test]
+fn members_of_a_population_learn_as_trials_alone() {
+    crate::shared::population::assert_members_learn_as_alone(
+        |rng| DirichletSac::new(tiny(), &bandit::interface(), rng).unwrap(),
+        |agent| std::slice::from_mut(&mut agent.learning),
+        |agent, rng| drop(bandit::train(agent, 5, rng)),
+    );
+}

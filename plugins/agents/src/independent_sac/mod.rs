@@ -259,7 +259,7 @@ impl Agent for IndependentSac {
         Ok(())
     }
 
-    fn plan(&mut self) -> Option<String> {
+    fn plan(&mut self, _: usize) -> Option<String> {
         let (seats, n_rows, widths) = (&self.seats, self.config.batch_size, self.replay.widths());
         let of_seats = self.learning.iter_mut().enumerate().map(|(seat, plans)| {
             let plan = plan_of(plans, n_rows, widths, |batch| seats.update(seat, batch));

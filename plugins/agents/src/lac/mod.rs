@@ -294,7 +294,7 @@ impl Agent for LyapunovActorCritic {
         (0..due).try_for_each(|_| self.update(rng, record))
     }
 
-    fn plan(&mut self) -> Option<String> {
+    fn plan(&mut self, _: usize) -> Option<String> {
         let (learner, config, widths) = (&self.learner, &self.config, self.memory.widths());
         let plan = plan_of(&mut self.learning, config.batch_size, widths, |batch| {
             learner.update(batch, config);

@@ -426,3 +426,20 @@ fn recorded_metrics_are_declared() {
 fn the_exported_policy_takes_the_evaluation_actions() {
     regulator::assert_exports(|rng| build(LAC, tiny(), &regulator::interface(), rng).unwrap());
 }
+
+#[test]
+fn members_of_a_population_learn_as_trials_alone() {
+    crate::shared::population::assert_members_learn_as_alone(
+        |rng| {
+            LyapunovActorCritic::new(
+                CLAC,
+                smooth(0.5, SmoothnessNorm::Frobenius),
+                &regulator::interface(),
+                rng,
+            )
+            .unwrap()
+        },
+        |agent| std::slice::from_mut(&mut agent.learning),
+        |agent, rng| drop(regulator::train(agent, &mut Plants::new(rng), 13, rng)),
+    );
+}

@@ -238,3 +238,12 @@ fn the_exported_policies_take_the_evaluation_actions() {
         2,
     );
 }
+
+#[test]
+fn members_of_a_population_learn_as_trials_alone() {
+    crate::shared::population::assert_members_learn_as_alone(
+        |rng| Maddpg::new(tiny(), &game::game(), rng).unwrap(),
+        |agent| std::slice::from_mut(&mut agent.learning),
+        |agent, rng| drop(game::train(agent, 5, rng)),
+    );
+}

@@ -297,3 +297,12 @@ fn the_exported_sampler_draws_as_the_agent() {
             .all(|(a, b)| (f64::from(*a) - b).abs() < 1e-6)
     );
 }
+
+#[test]
+fn members_of_a_population_learn_as_trials_alone() {
+    crate::shared::population::assert_members_learn_as_alone(
+        |rng| Masql::new(tiny(), &game::game(), rng).unwrap(),
+        |agent| std::slice::from_mut(&mut agent.learning),
+        |agent, rng| drop(game::train(agent, 5, rng)),
+    );
+}

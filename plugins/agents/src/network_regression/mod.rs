@@ -40,7 +40,7 @@ use numerics::{
     policy_file::{Head, Policy},
     tensor_file::TensorFile,
 };
-use plan::{Descent, Expression, Plans, State};
+use plan::{Descent, Expression, Plans, Processor, State};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -236,19 +236,25 @@ impl NetworkRegression {
     /// Updates once on examples, row by row.
     fn update(&mut self, rows: &[f32], record: &mut Recorder) -> Result<(), Error> {
         self.state.set_number(RATE, self.learning_rate());
+        let (plan, state) = self.written(rows.len() / self.memory.width());
+        plan.write("examples", rows);
+        plan.run("update", state);
+        let loss = plan.number("fit_loss");
+        let loss = finite("fit_loss", self.n_updates, loss)?;
+        record.mean("fit_loss", loss);
+        self.n_updates += 1;
+        Ok(())
+    }
+
+    /// The plan for so many examples, and the state that it trains.
+    fn written(&mut self, n_rows: usize) -> (&mut Processor<f32>, &mut State<f32>) {
         let (network, widths) = (&self.network, [self.n_inputs(), self.actions.len()]);
         let (n_columns, first_rate) = (self.memory.width(), self.config.learning_rate);
-        let n_rows = rows.len() / n_columns;
         let plan = self.learning.of_rows(n_rows, |equations| {
             let examples = equations.input("examples", [n_rows, n_columns]);
             update(network, widths, examples, first_rate);
         });
-        plan.write("examples", rows);
-        plan.run("update", &mut self.state);
-        let loss = finite("fit_loss", self.n_updates, plan.number("fit_loss"))?;
-        record.mean("fit_loss", loss);
-        self.n_updates += 1;
-        Ok(())
+        (plan, &mut self.state)
     }
 
     fn names(&self) -> Vec<String> {
@@ -326,6 +332,10 @@ impl Agent for NetworkRegression {
             self.update(&rows, record)?;
         }
         Ok(())
+    }
+
+    fn plan(&mut self, n_rows: usize) -> Option<String> {
+        Some(self.written(n_rows).0.graph().to_string())
     }
 
     fn reads_state(&self) -> bool {

@@ -137,3 +137,15 @@ fn misfits_are_refused() {
     };
     assert!(message(forgetful, &interface()).contains("updates of remembered examples"));
 }
+
+#[test]
+fn members_of_a_population_learn_as_trials_alone() {
+    crate::shared::population::assert_members_learn_as_alone(
+        |rng| NetworkRegression::new(tiny(None), &interface(), rng).unwrap(),
+        |agent| std::slice::from_mut(&mut agent.learning),
+        |agent, rng| {
+            let batch: Vec<Transition> = (0..32).map(|_| example(rng)).collect();
+            agent.learn(&batch, rng, &mut Recorder::default()).unwrap();
+        },
+    );
+}

@@ -175,3 +175,8 @@ fn a_seat_that_sees_its_own_observation_heeds_no_other() {
 fn recorded_metrics_are_declared() {
     trials::assert_declared(tiny(), metrics());
 }
+
+#[test]
+fn members_of_a_population_learn_as_trials_alone() {
+    trials::assert_members_learn_as_alone(&tiny());
+}

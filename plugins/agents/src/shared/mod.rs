@@ -20,6 +20,8 @@ pub(crate) mod gradient_moments;
 pub mod joint;
 pub mod opponent_modelling;
 pub(crate) mod policy_forms;
+#[cfg(test)]
+pub(crate) mod population;
 pub(crate) mod proposer;
 #[cfg(test)]
 pub(crate) mod regulator;

@@ -49,7 +49,7 @@ use contract::{
     Transition, Updates,
 };
 use numerics::equations::network::{Network, lower, parameters};
-use plan::{Descent, Expression, Plans};
+use plan::{Descent, Expression, Plans, Processor};
 use rand::RngCore;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -207,6 +207,15 @@ impl Td3Bc {
             learning: Plans::default(),
         })
     }
+
+    /// The plan for a batch of so many rows, and the actor whose state it trains.
+    fn written(&mut self, n_rows: usize) -> (&mut Processor<f32>, &mut DatasetActor) {
+        let (actor, learner, config) = (&mut self.actor, &self.learner, &self.config);
+        let plan = plan_of(&mut self.learning, n_rows, actor.widths(), |batch| {
+            learner.update(batch, config);
+        });
+        (plan, actor)
+    }
 }
 
 impl Learner {
@@ -324,17 +333,14 @@ impl Agent for Td3Bc {
         rng: &mut Rng,
         record: &mut Recorder,
     ) -> Result<(), Error> {
-        let (actor, learner, config) = (&mut self.actor, &self.learner, &self.config);
-        let (batch, widths) = (actor.batch(transitions), actor.widths());
-        let plan = plan_of(&mut self.learning, batch.n_rows, widths, |batch| {
-            learner.update(batch, config);
-        });
+        let (batch, policy_delay) = (self.actor.batch(transitions), self.config.policy_delay);
+        let (plan, actor) = self.written(batch.n_rows);
         batch.write(plan);
         plan.run_seeded("update critics", &mut actor.state, rng.next_u64());
         let critic_loss = finite("critic_loss", actor.n_updates, plan.number("critic_loss"))?;
         record.mean("critic_loss", critic_loss);
         actor.n_updates += 1;
-        if actor.n_updates.is_multiple_of(config.policy_delay) {
+        if actor.n_updates.is_multiple_of(policy_delay) {
             plan.run("update policy", &mut actor.state);
             let policy_loss = finite("policy_loss", actor.n_updates, plan.number("policy_loss"))?;
             record.mean("policy_loss", policy_loss);
@@ -343,6 +349,10 @@ impl Agent for Td3Bc {
             }
         }
         Ok(())
+    }
+
+    fn plan(&mut self, n_rows: usize) -> Option<String> {
+        Some(self.written(n_rows).0.graph().to_string())
     }
 
     fn updates(&self) -> Option<Updates> {

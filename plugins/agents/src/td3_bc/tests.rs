@@ -242,3 +242,12 @@ fn recorded_metrics_are_declared_and_the_exported_policy_acts() {
     bandit::assert_exports(&mut agent(tiny(), &bandit::interface()));
     bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());
 }
+
+#[test]
+fn members_of_a_population_learn_as_trials_alone() {
+    crate::shared::population::assert_members_learn_as_alone(
+        |rng| Td3Bc::new(tiny(), &bandit::interface(), rng).unwrap(),
+        |agent| std::slice::from_mut(&mut agent.learning),
+        |agent, rng| drop(bandit::train(agent, 5, rng)),
+    );
+}

@@ -363,7 +363,7 @@ impl Agent for ValueDecomposition {
         self.config.mixing == ValueMixing::Monotonic
     }
 
-    fn plan(&mut self) -> Option<String> {
+    fn plan(&mut self, _: usize) -> Option<String> {
         let (learner, config, widths) = (&self.learner, &self.config, self.replay.widths());
         let plan = plan_of(&mut self.learning, config.batch_size, widths, |batch| {
             learner.update(batch, config);

@@ -445,3 +445,12 @@ fn misfits_are_refused() {
     );
     assert!(refused(&|_, all| all.seats[0].action = Space::Box(Vec::new())).contains("takes a box"));
 }
+
+#[test]
+fn members_of_a_population_learn_as_trials_alone() {
+    crate::shared::population::assert_members_learn_as_alone(
+        |rng| ValueDecomposition::new(tiny(ValueMixing::Monotonic), &two_step::interface(), rng).unwrap(),
+        |agent| std::slice::from_mut(&mut agent.learning),
+        |agent, rng| drop(two_step::train(agent, 70, rng)),
+    );
+}

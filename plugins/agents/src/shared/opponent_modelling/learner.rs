@@ -29,7 +29,7 @@ pub struct Learner<A> {
     pub(crate) game: Game,
     pub(crate) state: State<f32>,
     acting: Plans,
-    learning: Plans,
+    pub(super) learning: Plans,
     pub(crate) replay: Replay,
     schedule: UpdateSchedule,
 }
@@ -235,7 +235,7 @@ impl<A: Algorithm> Agent for Learner<A> {
             .collect())
     }
 
-    fn plan(&mut self) -> Option<String> {
+    fn plan(&mut self, _: usize) -> Option<String> {
         let (game, algorithm, config) = (&self.game, &self.algorithm, &self.config);
         let plan = game.learning(&mut self.learning, algorithm, config, config.batch_size, true);
         Some(plan.graph().to_string())

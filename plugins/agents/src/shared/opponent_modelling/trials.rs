@@ -6,6 +6,7 @@ use crate::shared::{
     coordination,
     gradient_checks::{assert_gradient_in, outputs},
     joint::ObservationScope,
+    population,
 };
 use contract::{Agent, Metric, Mode, Observation, random::stream};
 use numerics::activation::Activation;
@@ -241,4 +242,13 @@ pub(crate) fn assert_sight<A: Algorithm>(algorithm: impl Fn(Settings) -> A) {
     let mut another = agent(Some(ObservationScope::Own));
     assert!(another.import(dir.path()).unwrap());
     assert_eq!(first_action(&mut another, 0.0), first_action(&mut own, 0.0));
+}
+
+/// Asserts that members of a population of the algorithm learn as trials alone.
+pub(crate) fn assert_members_learn_as_alone<A: Algorithm + Clone>(algorithm: &A) {
+    population::assert_members_learn_as_alone(
+        |rng| Learner::new(algorithm.clone(), &coordination::game(), rng).unwrap(),
+        |learner| std::slice::from_mut(&mut learner.learning),
+        |learner, rng| drop(coordination::train(learner, 5, rng)),
+    );
 }

@@ -23,7 +23,7 @@ use numerics::{
     policy_file::{Head, Policy, Ports},
     tensor_file::TensorFile,
 };
-use plan::{Descent, Equations, Expression, Plans, State};
+use plan::{Descent, Equations, Expression, Plans, Processor, State};
 use rand::RngCore;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -156,6 +156,17 @@ impl<H: SimplexHead> SimplexRegression<H> {
         })
     }
 
+    /// The plan for so many examples, and the state that it trains.
+    fn written(&mut self, n_rows: usize) -> (&mut Processor<f32>, &mut State<f32>) {
+        let learner = &self.learner;
+        let (n_seen, n_shares) = (self.scaling.n_channels(), self.shares.len());
+        let plan = self.learning.of_rows(n_rows, |equations| {
+            let observations = equations.input("observations", [n_rows, n_seen]);
+            learner.update(observations, equations.input("targets", [n_rows, n_shares]));
+        });
+        (plan, &mut self.state)
+    }
+
     fn ports(&self) -> Ports {
         self.scaling.ports(&self.shares)
     }
@@ -201,22 +212,23 @@ impl<H: SimplexHead> Agent for SimplexRegression<H> {
         record: &mut Recorder,
     ) -> Result<(), Error> {
         self.progress.n_examples += transitions.len() as u64;
-        let (learner, rows) = (&self.learner, transitions.len());
-        let (n_seen, n_shares) = (self.scaling.n_channels(), self.shares.len());
-        let plan = self.learning.of_rows(rows, |equations| {
-            let observations = equations.input("observations", [rows, n_seen]);
-            learner.update(observations, equations.input("targets", [rows, n_shares]));
-        });
         let seen = || transitions.iter().map(|transition| &transition.observation);
         let scaled = seen().flat_map(|seen| self.scaling.apply(&seen.seats[0]));
-        plan.write("observations", &scaled.collect::<Vec<f32>>());
-        let targets = seen().flat_map(|seen| &seen.state).map(|x| *x as f32);
-        plan.write("targets", &targets.collect::<Vec<f32>>());
-        plan.run_seeded("update", &mut self.state, rng.next_u64());
-        let loss = finite("loss", self.progress.n_examples, plan.number("loss"))?;
+        let observations: Vec<f32> = scaled.collect();
+        let targets: Vec<f32> = seen().flat_map(|seen| &seen.state).map(|x| *x as f32).collect();
+        let (plan, state) = self.written(transitions.len());
+        plan.write("observations", &observations);
+        plan.write("targets", &targets);
+        plan.run_seeded("update", state, rng.next_u64());
+        let loss = plan.number("loss");
+        let loss = finite("loss", self.progress.n_examples, loss)?;
         record.mean("loss", loss);
         self.progress.n_updates += 1;
         Ok(())
+    }
+
+    fn plan(&mut self, n_rows: usize) -> Option<String> {
+        Some(self.written(n_rows).0.graph().to_string())
     }
 
     fn reads_state(&self) -> bool {
@@ -316,5 +328,21 @@ mod tests {
     fn a_state_that_is_no_target_is_refused() {
         refuses_a_state_that_is_no_target::<Dirichlet>();
         refuses_a_state_that_is_no_target::<GaussianSoftmax>();
+    }
+
+    #[test]
+    fn members_of_a_population_learn_as_trials_alone() {
+        crate::shared::population::assert_members_learn_as_alone(
+            |rng| {
+                SimplexRegression::<Dirichlet>::new(
+                    &config(RegressionLoss::LogLikelihood),
+                    &bandit::interface(),
+                    rng,
+                )
+                .unwrap()
+            },
+            |agent| std::slice::from_mut(&mut agent.learning),
+            |agent, rng| drop(bandit::train(agent, 5, rng)),
+        );
     }
 }

@@ -224,7 +224,7 @@ impl Agent for SoftActorCritic {
         Ok(())
     }
 
-    fn plan(&mut self) -> Option<String> {
+    fn plan(&mut self, _: usize) -> Option<String> {
         let (learner, rows, widths) = (&self.learner, self.config.batch_size, self.replay.widths());
         let plan = plan_of(&mut self.learning, rows, widths, |batch| {
             learner.update(batch, |all| all);

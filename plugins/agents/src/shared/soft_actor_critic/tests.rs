@@ -144,38 +144,13 @@ fn it_learns_to_regulate() {
     regulator::assert_learns(&mut agent(tiny()), 300);
 }
 
-/// A population has many states and one plan.
 #[test]
-fn a_member_of_a_population_learns_as_a_trial_alone_in_any_place() {
-    let member = |n: usize| {
-        let mut rng = stream(&["member", &n.to_string()]);
-        let mut agent = SoftActorCritic::new(tiny(), &regulator::interface(), &mut rng).unwrap();
-        let mut plants = Plants::new(&mut rng);
-        regulator::train(&mut agent, &mut plants, 8, &mut rng);
-        (agent, rng)
-    };
-    let update =
-        |(agent, rng): &mut (SoftActorCritic, Rng)| agent.update(rng, &mut Recorder::default()).unwrap();
-    let bits = |(agent, _): &(SoftActorCritic, Rng)| -> Vec<u32> {
-        let tensors = agent.state.tensors();
-        tensors
-            .flat_map(|(.., entries)| entries.iter().map(|entry| entry.to_bits()))
-            .collect()
-    };
-    let [mut alone, mut together] = [(); 2].map(|()| (0..4).map(member).collect::<Vec<_>>());
-    let mut plans = Plans::default();
-    for order in [[0, 1, 2, 3], [3, 1, 0, 2], [2, 3, 1, 0]] {
-        for at in order {
-            update(&mut alone[at]);
-            std::mem::swap(&mut plans, &mut together[at].0.learning);
-            update(&mut together[at]);
-            std::mem::swap(&mut plans, &mut together[at].0.learning);
-        }
-    }
-    for at in 0..4 {
-        assert_eq!(bits(&together[at]), bits(&alone[at]), "member {at}");
-        assert_ne!(bits(&alone[at]), bits(&alone[(at + 1) % 4]), "member {at}");
-    }
+fn members_of_a_population_learn_as_trials_alone() {
+    crate::shared::population::assert_members_learn_as_alone(
+        |rng| SoftActorCritic::new(tiny(), &regulator::interface(), rng).unwrap(),
+        |agent| std::slice::from_mut(&mut agent.learning),
+        |agent, rng| drop(regulator::train(agent, &mut Plants::new(rng), 13, rng)),
+    );
 }
 
 #[test]
