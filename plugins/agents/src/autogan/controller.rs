@@ -158,7 +158,7 @@ fn plan_of<'p>(
     learning_rate: f64,
 ) -> &'p mut Processor<f32> {
     plans.of_rows(n_steps, |equations| {
-        layers.learn(equations, n_steps, learning_rate)
+        layers.learn(equations, n_steps, learning_rate);
     })
 }
 
