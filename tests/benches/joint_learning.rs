@@ -4,8 +4,9 @@
 //!
 //! The sizes are those of cooperative navigation: three seats with 18 observations and 2 actions each. Seats of
 //! `value_decomposition` have 5 choices in their place and a state of 54 entries; `clac` has one seat. The config is the
-//! agent's default with the JSON object CONFIG on top. The agent is built through the registry and driven through
-//! `learn`, so replay sampling and the copies in between are paid for. Prints one line of JSON.
+//! agent's default with one update for each step and the JSON object CONFIG on top. The agent is built through the
+//! registry and driven through `learn`, so replay sampling and the copies in between are paid for. Prints one line of
+//! JSON.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
@@ -45,15 +46,24 @@ fn main() {
         &mut rng,
     )
     .unwrap();
-    let filling: Vec<Transition> = (0..2047).map(|_| task.transition(&mut rng)).collect();
-    agent.learn(&filling, &mut rng, &mut Recorder::default()).unwrap();
+    // Step by step, as one environment makes them: some agents store a step with the one before it.
+    for _ in 0..2047 {
+        task.update(&mut *agent, &mut rng);
+    }
+    assert_eq!(agent.updates().unwrap().made, 0, "the buffer is filled first");
     for _ in 0..3 {
         task.update(&mut *agent, &mut rng);
     }
-    let (mut updates, until) = (Vec::new(), Instant::now());
+    let made = |agent: &dyn Agent| agent.updates().unwrap().made;
+    let (before, mut updates, until) = (made(&*agent), Vec::new(), Instant::now());
     while until.elapsed().as_secs() < seconds {
         updates.push(task.update(&mut *agent, &mut rng));
     }
+    assert_eq!(
+        made(&*agent) - before,
+        updates.len() as u64,
+        "an update for each step"
+    );
     updates.sort_by(f64::total_cmp);
     let (median_s, fastest_s) = (updates[updates.len() / 2], updates[0]);
     let who = format!("Regimen {name}");

@@ -96,7 +96,7 @@ pub trait Agent: Send {
 
     /// The operations of one update as text, with their number and the bytes that they move; `None` for agents that do
     /// not learn by a plan. `n_rows` is the size of a batch where the protocol decides it.
-    fn plan(&mut self, _: usize) -> Option<String> {
+    fn plan(&mut self, _n_rows: usize) -> Option<String> {
         None
     }
 

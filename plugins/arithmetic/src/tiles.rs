@@ -21,7 +21,7 @@ const MOST_ROWS: usize = 12;
 /// Most tiles below each other that use a panel before the next one is read. A second factor that is larger than the
 /// second cache is then read once for so many tiles.
 const MOST_TILES: usize = 4;
-/// Shortest chains for which a panel is worth it.
+/// Shortest chain for which more than one tile uses a panel; the panels of shorter ones are soon read again.
 const LONG: usize = 64;
 
 /// Row of a panel, on cache lines of its own.
@@ -247,11 +247,10 @@ impl Product<'_> {
     #[inline(always)]
     fn take_strip<const ROWS: usize>(&mut self, row: usize, number: usize) {
         let (first, n) = (row + number * ROWS, self.a.columns);
-        let (strip, _) = self.strip[number * ROWS * n..].as_chunks_mut();
+        let (strip, _) = self.strip[number * ROWS * n..].as_chunks_mut::<ROWS>();
         let columns = self.a.values.chunks_exact(self.a.rows);
         for (entries, column) in strip.iter_mut().zip(columns) {
-            let of_tile: &[f32; ROWS] = column[first..].first_chunk().unwrap_or(entries);
-            *entries = *of_tile;
+            entries.copy_from_slice(&column[first..first + ROWS]);
         }
     }
 

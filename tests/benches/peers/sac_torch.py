@@ -1,6 +1,6 @@
 """One soft actor-critic update in PyTorch, one thread. Prints the median time as JSON.
 
-The update is that of `tests/benches/sac_update.rs`: softmax of a Gaussian candidate as the action, twin critics, tuned temperature,
+The update is that of `tests/benches/learning.rs`: softmax of a Gaussian candidate as the action, twin critics, tuned temperature,
 Polyak targets; 9 observations, 4 actions. usage: sac_torch.py BATCH CRITIC_LAYERS POLICY_LAYERS SECONDS
 """
 

@@ -348,6 +348,7 @@ impl Agent for AutoGan {
         Ok(())
     }
 
+    /// The update by a design of one step, as those of the first stage are.
     fn plan(&mut self, _: usize) -> Option<String> {
         Some(self.controller.plan(1))
     }
