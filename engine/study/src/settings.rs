@@ -138,7 +138,7 @@ pub fn lay_sections(
     let sets: Vec<&String> = options.sets.iter().filter(of_sections).collect();
     let errors = sets.into_iter().map(|set| {
         let entry = entry(set, sources)?;
-        section::set(root, &entry, schema, sources)
+        set_section(root, &entry, schema, sources)
     });
     found.extend(errors.filter_map(Result::err).flatten());
     found
@@ -181,8 +181,24 @@ fn is_of_section(entry: &Entry, written: &Written, schema: &Value) -> bool {
 fn lay_entries(root: &mut Node, entries: &[&Entry], schema: &Value, sources: &Sources) -> Vec<Diagnostic> {
     let errors = entries
         .iter()
-        .filter_map(|entry| section::set(root, entry, schema, sources).err());
+        .filter_map(|entry| set_section(root, entry, schema, sources).err());
     errors.flatten().collect()
+}
+
+/// Sets a key of a section. Rounds of `confirm` belong to the study as it is written: with a profile or an option it is
+/// another one, which confirms nothing.
+fn set_section(
+    root: &mut Node,
+    entry: &Entry,
+    schema: &Value,
+    sources: &Sources,
+) -> Result<(), Vec<Diagnostic>> {
+    if entry.key.split('.').next() == Some("confirm") {
+        let message = "rounds of `confirm` are fixed in the file, and no profile or option changes them";
+        let error = sources.error(entry.key_span, &entry.key, message);
+        return Err(vec![error.help("write the round into the study itself")]);
+    }
+    section::set(root, entry, schema, sources)
 }
 
 /// Mistakes in a document and its sweep.

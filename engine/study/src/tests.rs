@@ -377,6 +377,28 @@ fn a_profile_narrows_a_sweep_and_options_come_after_it() {
 }
 
 #[test]
+fn no_option_and_no_profile_changes_a_confirmation() {
+    let claims = "claims: [{ claim: learner.return > right.return, why: any }]\nconfirm: [{ claims: [1], seeds: 100-102, why: more }]";
+    let load = |rest: &str, sets: &[&str]| {
+        let options = Options {
+            sets: sets.iter().map(ToString::to_string).collect(),
+            ..Options::default()
+        };
+        let text = format!("{HEAD}{claims}\n{rest}");
+        load_text(&text, "a.yaml", Path::new(""), &toys(), &options)
+    };
+    assert_eq!(load("", &[]).unwrap().confirm.len(), 1);
+    for (rest, sets) in [
+        ("", &["confirm.0.seeds=3-9"][..]),
+        ("profiles: { smoke: { confirm.0.seeds: 200-201 } }", &[]),
+    ] {
+        let found = load(rest, sets).unwrap_err();
+        assert!(found[0].message.contains("are fixed in the file"), "{found:?}");
+        assert_eq!(found[0].path, "confirm.0.seeds");
+    }
+}
+
+#[test]
 fn overrides_hold_for_their_combinations_only() {
     let study =
         with("overrides: [{ environment: long, set: { protocol.steps: 2000, learner.discount: 0.5 } }]");
