@@ -11,7 +11,7 @@ const PIECE: usize = 256;
 
 /// Place from which an operand is read.
 #[derive(Debug, Clone, Copy)]
-enum Source {
+pub(crate) enum Source {
     /// The result of an earlier operation of the loop.
     Result(usize),
     /// A buffer of the loop's shape.
@@ -21,7 +21,7 @@ enum Source {
 }
 
 #[derive(Debug, Clone, Copy)]
-enum Entrywise {
+pub(crate) enum Entrywise {
     Map(Function, Source),
     Combine(Pair, Source, Source),
 }
@@ -123,9 +123,14 @@ impl Loop {
         self.kept = values.filter(|(_, value)| is_read(*value)).collect();
     }
 
-    /// Values that are kept.
-    pub(crate) fn kept(&self) -> impl Iterator<Item = Value> {
-        self.kept.iter().map(|(_, value)| *value)
+    /// Operations whose results are read outside of the loop, with their values.
+    pub(crate) fn kept(&self) -> impl Iterator<Item = (usize, Value)> {
+        self.kept.iter().copied()
+    }
+
+    /// Operations in their order.
+    pub(crate) fn operations(&self) -> &[Entrywise] {
+        &self.operations
     }
 
     pub(crate) fn run<T: Scalar>(&self, memory: &mut Memory<T>, pieces: &mut Pieces<T>) {

@@ -19,6 +19,7 @@
 //! | [`extension`] | operations that other crates compute |
 //! | [`scalar`] | the arithmetic that an executor needs of `f32` or `f64` |
 //! | [`processor`] | the executor |
+//! | [`cuda`] | routines as kernels for a card |
 //! | [`plans`] | processors by their number of rows |
 //! | [`state`] | parameters, moments and step counts, apart from any plan |
 //! | [`equations`] | the builder as equations with Rust's operators |
@@ -32,6 +33,7 @@
 //! the draw's place in the routine and on the entry: not on the number of rows.
 
 pub mod build;
+pub mod cuda;
 pub mod differences;
 mod dirichlet;
 mod draws;

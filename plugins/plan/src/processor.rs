@@ -44,10 +44,7 @@ fn bound(graph: &Graph, routine: usize) -> Vec<Bound> {
         match step {
             Step::Compute(value) => used.extend(&graph.nodes[value.0].operands),
             Step::Update(update) => {
-                used.extend(update.operands());
-                if let Update::Adam { moments, .. } = update {
-                    used.extend(moments);
-                }
+                used.extend([update.operands(), update.moments()].concat());
             }
         }
     }

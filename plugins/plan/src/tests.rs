@@ -7,6 +7,7 @@ use proptest::prelude::*;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 mod of_bits;
+mod of_cuda;
 mod of_draws;
 mod of_equations;
 mod of_extensions;

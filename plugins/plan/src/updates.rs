@@ -64,6 +64,14 @@ impl Update {
     pub(crate) fn operands(&self) -> Vec<Value> {
         vec![self.target(), self.source()]
     }
+
+    /// The moments that change with the parameter.
+    pub(crate) fn moments(&self) -> Vec<Value> {
+        match self {
+            Update::Adam { moments, .. } => moments.to_vec(),
+            Update::Follow { .. } | Update::Assign { .. } => Vec::new(),
+        }
+    }
 }
 
 impl Graph {

@@ -5,8 +5,8 @@ use crate::{Backward, Descent, Equations, Expression, Extension};
 
 /// `a b` entry by entry, where `b` may count as a constant.
 #[derive(Debug, Clone, Copy)]
-struct Products {
-    is_constant: bool,
+pub(super) struct Products {
+    pub(super) is_constant: bool,
 }
 
 impl Extension for Products {

@@ -1,0 +1,339 @@
+//! The routines of a plan as kernels for a card, in CUDA C, for all members of a population at once.
+//!
+//! Every operation has the order of sums that the processor has, so that a member's bits are those of a trial alone:
+//! an entry of a product is a chain of fused multiply-adds over `k`, one thread computes it, and neither tiles nor
+//! the number of members enter. A block works for one member. No two threads add to one number.
+//!
+//! | file | contents |
+//! |---|---|
+//! | `device.c`, `host.c` | the words in which kernels are written, for a card and for a processor |
+//! | `arithmetic.c` | the functions of the crate [`arithmetic`] |
+//! | `product.c`, `operations.c` | operations of a plan |
+//! | [`parts`] | operations of one routine as texts |
+//! | [`tiles`] | sizes of the tiles of products |
+//! | [`literal`] | the kernels on a processor, for tests |
+//! | [`layout`] | places of values in a member's memory |
+//!
+//! The texts depend on shapes alone. Operations without dependencies between them share a kernel, a *wave*, whose
+//! blocks are those of its operations one after the other.
+
+mod layout;
+pub mod literal;
+mod parts;
+mod tiles;
+
+use crate::graph::{Graph, Routine};
+use crate::operations::Operation;
+use crate::state::State;
+use crate::updates::Update;
+use arithmetic::steps::Rates;
+use layout::Layout;
+use parts::{Part, parts};
+use std::fmt::Write;
+
+pub use layout::{Leaf, Span};
+
+/// Threads of a block of every kernel.
+pub const THREADS: usize = 256;
+
+const DEVICE: &str = include_str!("device.c");
+const HOST: &str = include_str!("host.c");
+const HOST_MAIN: &str = include_str!("host_main.c");
+const POPULATION: &str = include_str!("population.c");
+const ARITHMETIC: &str = include_str!("arithmetic.c");
+const OPERATIONS: &str = include_str!("operations.c");
+
+/// An operation that has no kernel.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NoKernel {
+    /// Name of the operation.
+    pub operation: String,
+}
+
+impl std::fmt::Display for NoKernel {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "no kernel for a card computes {}", self.operation)
+    }
+}
+
+impl std::error::Error for NoKernel {}
+
+/// A kernel that a run of the routine launches.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Wave {
+    /// Name of the function.
+    pub name: String,
+    /// Blocks for one member.
+    pub blocks: usize,
+}
+
+/// A step of Adam, whose two rates a run has to bring.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Descent {
+    /// Name of the parameter, by which a state counts its steps.
+    pub parameter: String,
+    /// Name of the learning rate, and its first value.
+    pub learning_rate: (String, f64),
+    /// Decay rates of the moments.
+    pub betas: [f64; 2],
+}
+
+/// One routine as kernels.
+#[derive(Debug, Clone)]
+pub struct Kernels {
+    layout: Layout,
+    waves: Vec<Wave>,
+    descents: Vec<Descent>,
+    text: String,
+}
+
+impl Kernels {
+    /// Writes the kernels of a routine.
+    ///
+    /// # Errors
+    /// [`NoKernel`] where the routine has an operation of another crate.
+    pub fn new(graph: &Graph, routine: Routine) -> Result<Self, NoKernel> {
+        let kernels = crate::kernels::kernels(graph, routine.0);
+        let mut layout = Layout::new(graph, &kernels);
+        let parts = parts(graph, &kernels, &mut layout)?;
+        let (waves, text) = waves(parts, layout.cells());
+        Ok(Self {
+            layout,
+            waves,
+            descents: descents(graph, routine),
+            text,
+        })
+    }
+
+    /// Kernels that a run launches, in order.
+    #[must_use]
+    pub fn waves(&self) -> &[Wave] {
+        &self.waves
+    }
+
+    /// Steps of Adam in their order.
+    #[must_use]
+    pub fn descents(&self) -> &[Descent] {
+        &self.descents
+    }
+
+    /// Parameters and moments that the routine uses, in the order of their entries in `Population::tensors`.
+    #[must_use]
+    pub fn tensors(&self) -> &[Leaf] {
+        &self.layout.tensors
+    }
+
+    /// Places of inputs in a member's values.
+    #[must_use]
+    pub fn inputs(&self) -> &[Span] {
+        &self.layout.inputs
+    }
+
+    /// Places of outputs in a member's values.
+    #[must_use]
+    pub fn outputs(&self) -> &[Span] {
+        &self.layout.outputs
+    }
+
+    /// Entries of a member's values.
+    #[must_use]
+    pub fn value_size(&self) -> usize {
+        self.layout.value_size
+    }
+
+    /// Entries that all members share.
+    #[must_use]
+    pub fn constants(&self) -> &[f32] {
+        &self.layout.constants
+    }
+
+    /// Words of a run.
+    #[must_use]
+    pub fn run_size(&self) -> usize {
+        2 + 2 * self.descents.len()
+    }
+
+    /// First entry of each tensor in a member's state, and the entries of a state.
+    #[must_use]
+    pub fn state_layout(&self) -> (Vec<usize>, usize) {
+        let mut size = 0;
+        let mut reserve = |leaf: &Leaf| {
+            let first = size;
+            size += (leaf.shape[0] * leaf.shape[1]).next_multiple_of(layout::ALIGNMENT);
+            first
+        };
+        let tensors = self.tensors().iter().map(&mut reserve).collect();
+        (tensors, size)
+    }
+
+    /// Adds moments that a state lacks, counts its steps, and returns the words of a run.
+    ///
+    /// # Panics
+    /// Where the state lacks a parameter or has another shape of it.
+    pub fn prepare(&self, state: &mut State<f32>, seed: u64) -> Vec<u32> {
+        self.add_moments(state);
+        let halves = [seed & 0xffff_ffff, seed >> 32].map(|half| u32::try_from(half).unwrap_or(0));
+        let mut words = halves.to_vec();
+        for Descent {
+            parameter,
+            learning_rate: (name, first),
+            betas,
+        } in &self.descents
+        {
+            let rate = state.number(name).unwrap_or(*first);
+            let rates = Rates::at(state.count_step(parameter), rate, *betas);
+            words.extend(rates.parts().map(f32::to_bits));
+        }
+        words
+    }
+
+    /// Adds moments that a state lacks, as zeros.
+    ///
+    /// # Panics
+    /// Where the state lacks a parameter or has another shape of it.
+    pub fn add_moments(&self, state: &mut State<f32>) {
+        for leaf in self.tensors() {
+            state.place(&leaf.name, leaf.shape, leaf.is_moment);
+        }
+    }
+
+    /// Entries of a state in the order of the layout.
+    #[must_use]
+    pub fn state_entries(&self, state: &State<f32>) -> Vec<f32> {
+        let (firsts, size) = self.state_layout();
+        let mut entries = vec![0.0; size];
+        for (leaf, first) in self.tensors().iter().zip(firsts) {
+            let own = state.entries(&leaf.name);
+            entries[first..][..own.len()].copy_from_slice(own);
+        }
+        entries
+    }
+
+    /// Takes the tensors that a run has changed to a state.
+    pub fn take_entries(&self, state: &mut State<f32>, entries: &[f32]) {
+        let firsts = self.state_layout().0;
+        for (leaf, first) in self.tensors().iter().zip(firsts) {
+            if leaf.is_changed {
+                let own = state.entries_mut(&leaf.name);
+                own.copy_from_slice(&entries[first..][..own.len()]);
+            }
+        }
+    }
+
+    /// The kernels in CUDA C.
+    #[must_use]
+    pub fn source(&self) -> String {
+        [DEVICE, &self.body()].concat()
+    }
+
+    /// A program in C that runs the kernels literally on a processor; `host_main.c` says what it reads and writes.
+    #[must_use]
+    pub fn host_program(&self) -> String {
+        let mut run = String::from("\nstatic void run_all(const Population p) {\n");
+        for Wave { name, blocks } in &self.waves {
+            let _ = writeln!(run, "    RUN({name}, {blocks});");
+        }
+        run += "}\n\n";
+        let _ = writeln!(run, "#define RUN_SIZE {}", self.run_size());
+        let _ = writeln!(run, "#define VALUE_SIZE {}", self.value_size());
+        let _ = writeln!(run, "#define N_TENSORS {}", self.tensors().len());
+        let _ = writeln!(run, "#define N_CONSTANTS {}\n", self.constants().len());
+        [HOST, RUN, &self.body(), &run, HOST_MAIN].concat()
+    }
+
+    fn body(&self) -> String {
+        [POPULATION, ARITHMETIC, OPERATIONS, &tiles::products(), &self.text].concat()
+    }
+}
+
+/// All blocks of a kernel for all members.
+const RUN: &str = "#define RUN(kernel, blocks) \\
+    for (PLACE = 0; PLACE < (int)p.members[0]; PLACE++) \\
+        for (BLOCK = 0; BLOCK < (blocks); BLOCK++) kernel(p)\n\n";
+
+fn descents(graph: &Graph, routine: Routine) -> Vec<Descent> {
+    let steps = graph.live_steps(routine.0).into_iter();
+    let updates = steps.filter_map(|step| match step {
+        crate::graph::Step::Update(update) => Some(update),
+        crate::graph::Step::Compute(_) => None,
+    });
+    let descents = updates.filter_map(|update| match update {
+        Update::Adam {
+            parameter, settings, ..
+        } => Some(Descent {
+            parameter: graph.nodes[parameter.0].name.clone().unwrap_or_default(),
+            learning_rate: graph.numbers[settings.learning_rate.0].clone(),
+            betas: settings.betas,
+        }),
+        _ => None,
+    });
+    descents.collect()
+}
+
+/// Operations by the first wave in which all that they read is there and nobody reads or writes their results.
+fn waves(parts: Vec<Part>, cells: usize) -> (Vec<Wave>, String) {
+    let (mut written, mut read) = (vec![0; cells], vec![0; cells]);
+    let mut of_waves: Vec<Vec<Part>> = Vec::new();
+    for part in parts {
+        let after_writes = part.reads.iter().map(|cell| written[*cell]);
+        let after_all = part.writes.iter().map(|cell| read[*cell].max(written[*cell]));
+        let wave: usize = after_writes.chain(after_all).max().unwrap_or(0);
+        // A cell's number is that of the first wave in which it is free.
+        part.reads
+            .iter()
+            .for_each(|cell| read[*cell] = read[*cell].max(wave + 1));
+        part.writes.iter().for_each(|cell| written[*cell] = wave + 1);
+        of_waves.resize_with(of_waves.len().max(wave + 1), Vec::new);
+        of_waves[wave].push(part);
+    }
+    let mut text = String::new();
+    let waves = of_waves.iter().enumerate().map(|(at, parts)| {
+        let name = format!("wave_{at}");
+        write_wave(&mut text, &name, parts);
+        Wave {
+            name,
+            blocks: parts.iter().map(|part| part.blocks).sum(),
+        }
+    });
+    (waves.collect(), text)
+}
+
+fn write_wave(text: &mut String, name: &str, parts: &[Part]) {
+    let shared = parts.iter().map(|part| part.shared).max().unwrap_or(0).max(4);
+    let _ = writeln!(text, "\nKERNEL({name}) {{");
+    let _ = writeln!(text, "    ALL_BLOCKS_SHARED float shared[{shared}];");
+    *text += "    if (PLACE >= (int)p.members[0]) return;
+    const unsigned member = p.members[1 + PLACE];
+    float *const state = p.states + member * p.state_size;
+    float *const values = p.values + member * p.value_size;
+    const unsigned *const run = p.runs + (u64)PLACE * p.run_size;
+    (void)state, (void)run, (void)shared;\n";
+    let mut first = 0;
+    for part in parts {
+        let end = first + part.blocks;
+        let _ = writeln!(text, "    if (BLOCK >= {first} && BLOCK < {end}) {{");
+        let _ = writeln!(text, "        const int block = BLOCK - {first};");
+        for line in part.text.lines() {
+            let _ = writeln!(text, "        {line}");
+        }
+        *text += "    }\n";
+        first = end;
+    }
+    *text += "}\n";
+}
+
+/// A number in `f32` as it stands in C.
+fn single(number: f64) -> String {
+    #[allow(clippy::cast_possible_truncation, reason = "the nearest f32 is meant")]
+    let number = number as f32;
+    if number.is_finite() {
+        format!("{number:?}f")
+    } else {
+        format!("float_of(0x{:08x}u)", number.to_bits())
+    }
+}
+
+/// Whether an operation is a leaf of a state.
+fn is_of_state(operation: &Operation) -> bool {
+    matches!(operation, Operation::Parameter | Operation::State)
+}

@@ -1,0 +1,149 @@
+// Operations of a plan. `block` counts the blocks of the operation.
+
+// Values of `k` in a chain, and in a step of a product.
+#define CHAIN 512
+#define DEPTH 16
+
+// Entry of the thread among `n`; threads beyond the last entry are done.
+#define ENTRY(i, n)                        \
+    const int i = block * THREADS + thread; \
+    if (i >= (n)) continue;
+
+FUNCTION float rectified(float x, float below) { return x <= 0.0f ? below * x : x; }
+FUNCTION float smaller(float a, float b) { return b < a || b != b ? b : a; }
+FUNCTION float larger(float a, float b) { return b > a || b != b ? b : a; }
+FUNCTION float sign(float x) { return x > 0.0f ? 1.0f : x < 0.0f ? -1.0f : x; }
+FUNCTION float absolute(float x) { return x <= 0.0f ? 0.0f - x : x; }
+
+FUNCTION float activated(const int activation, float x) {
+    return activation == 1 ? rectified(x, 0.0f) : activation == 2 ? rectified(x, 0.01f) : activation == 3 ? tanh_f(x) : x;
+}
+
+// Column that a number names, or `columns` where it names none.
+FUNCTION int named_column(float index, const int columns) {
+    return index >= 0.0f && index < (float)columns && index == (float)(int)index ? (int)index : columns;
+}
+
+// Sums of blocks of 1024 entries: a block of threads sums eight of them with 32 lanes each.
+#define SUM_OF_BLOCKS(name, from, to, term)                                            \
+    FUNCTION void name(const from *x, const int n, to *sums, const int block, float *shared) { \
+        to *const lanes = (to *)shared;                                                \
+        EACH_THREAD {                                                                  \
+            to lane = 0;                                                               \
+            const int first = (block * (THREADS / 32) + thread / 32) * 1024;           \
+            for (int i = 0; i < 32; i++) {                                             \
+                const int at = first + i * 32 + thread % 32;                           \
+                if (at < n) lane += term(x[at]);                                       \
+            }                                                                          \
+            lanes[thread] = lane;                                                      \
+        }                                                                              \
+        WAIT;                                                                          \
+        EACH_THREAD {                                                                  \
+            const int at = block * (THREADS / 32) + thread / 32;                       \
+            if (thread % 32 != 0 || at * 1024 >= n) continue;                          \
+            to fold[32];                                                               \
+            for (int i = 0; i < 32; i++) fold[i] = lanes[thread + i];                  \
+            for (int width = 16; width > 0; width /= 2)                                \
+                for (int i = 0; i < width; i++) fold[i] += fold[i + width];            \
+            sums[at] = fold[0];                                                        \
+        }                                                                              \
+    }
+#define SAME(x) (x)
+#define WIDE_SQUARE(x) ((double)(x) * (double)(x))
+SUM_OF_BLOCKS(sum_of_blocks, float, float, SAME)
+SUM_OF_BLOCKS(wide_sum_of_blocks, double, double, SAME)
+SUM_OF_BLOCKS(squares_of_blocks, float, double, WIDE_SQUARE)
+
+// Sum of `n` entries with a distance between them: chains of 512, added in their order.
+FUNCTION float sum_of_chains(const float *x, const int n, const int distance) {
+    float sum = 0.0f;
+    for (int first = 0; first < n; first += CHAIN) {
+        float chain = 0.0f;
+        const int end = first + CHAIN < n ? first + CHAIN : n;
+        for (int i = first; i < end; i++) chain += x[i * distance];
+        sum = first == 0 ? chain : sum + chain;
+    }
+    return sum;
+}
+
+FUNCTION float largest_of(const float *row, const int n) {
+    float best = row[0];
+    for (int i = 1; i < n; i++) best = larger(best, row[i]);
+    return best;
+}
+
+FUNCTION float place_of_largest(const float *row, const int n) {
+    int best = 0;
+    for (int i = 1; i < n; i++) best = row[i] > row[best] ? i : best;
+    return (float)best;
+}
+
+// A number whose order as an integer is the total order of the numbers.
+FUNCTION int order_of(float x) {
+    const int bits = (int)bits_of(x);
+    return bits ^ (int)((u32)(bits >> 31) >> 1);
+}
+
+FUNCTION float ranked(const float *row, const int n, const int rank) {
+    for (int i = 0; i < n; i++) {
+        int below = 0, equal = 0;
+        for (int j = 0; j < n; j++) {
+            below += order_of(row[j]) < order_of(row[i]);
+            equal += order_of(row[j]) == order_of(row[i]);
+        }
+        if (below <= rank && rank < below + equal) return row[i];
+    }
+    return NOT_A_NUMBER;
+}
+
+FUNCTION double log_beta(const float *alpha, const int n, double total) {
+    double sum = -0.0;
+    for (int i = 0; i < n; i++) sum += ln_gamma((double)alpha[i]);
+    return sum - ln_gamma(total);
+}
+
+FUNCTION double total_of(const float *alpha, const int n) {
+    double total = -0.0;
+    for (int i = 0; i < n; i++) total += (double)alpha[i];
+    return total;
+}
+
+FUNCTION void dirichlet_density(const float *alpha, const float *log_point, const int n, float *result) {
+    const double total = total_of(alpha, n);
+    double kernel = -0.0;
+    for (int i = 0; i < n; i++) kernel += ((double)alpha[i] - 1.0) * (double)log_point[i];
+    result[0] = (float)(kernel - log_beta(alpha, n, total));
+}
+
+FUNCTION void dirichlet_score(const float *alpha, const float *log_point, const int n, float *result) {
+    const double of_total = digamma(total_of(alpha, n));
+    for (int i = 0; i < n; i++) result[i] = (float)(of_total - digamma((double)alpha[i]) + (double)log_point[i]);
+}
+
+FUNCTION void dirichlet_entropy(const float *alpha, const int n, float *result) {
+    const double total = total_of(alpha, n);
+    double excess = -0.0, own_part = -0.0;
+    for (int i = 0; i < n; i++) excess += (double)alpha[i] - 1.0;
+    for (int i = 0; i < n; i++) own_part += ((double)alpha[i] - 1.0) * digamma((double)alpha[i]);
+    result[0] = (float)(log_beta(alpha, n, total) + excess * digamma(total) - own_part);
+}
+
+FUNCTION void dirichlet_entropy_slope(const float *alpha, const int n, float *result) {
+    double excess = -0.0;
+    for (int i = 0; i < n; i++) excess += (double)alpha[i] - 1.0;
+    const double of_total = excess * trigamma(total_of(alpha, n));
+    for (int i = 0; i < n; i++)
+        result[i] = (float)(of_total - ((double)alpha[i] - 1.0) * trigamma((double)alpha[i]));
+}
+
+FUNCTION float moment(float x) { return size_of(x) < LEAST_NORMAL ? 0.0f : x; }
+
+// A step of Adam of one entry.
+FUNCTION void descend(float *x, const float g, float *first, float *second, const float step, const float root,
+                      const float beta_1, const float beta_2) {
+    const float m = moment(beta_1 * *first + (1.0f - beta_1) * g);
+    const float v = moment(beta_2 * *second + (1.0f - beta_2) * g * g);
+    *first = m;
+    *second = v;
+    *x -= step * m / (sqrtf(v) * root + 1e-8f);
+}
