@@ -18,7 +18,8 @@
 //! | [`listing`] | a plan as text, its floating-point operations and its memory traffic |
 //! | [`extension`] | operations that other crates compute |
 //! | [`scalar`] | the arithmetic that an executor needs of `f32` or `f64` |
-//! | [`processor`] | the executor |
+//! | [`processor`] | the executor on this processor |
+//! | [`executor`] | executors in its place |
 //! | [`cuda`] | routines as kernels for a card |
 //! | [`plans`] | processors by their number of rows |
 //! | [`state`] | parameters, moments and step counts, apart from any plan |
@@ -37,7 +38,9 @@ pub mod cuda;
 pub mod differences;
 mod dirichlet;
 mod draws;
+mod elsewhere;
 pub mod equations;
+pub mod executor;
 pub mod extension;
 mod fusion;
 pub mod gradients;
@@ -51,6 +54,7 @@ pub mod processor;
 mod rows;
 pub mod scalar;
 pub mod state;
+mod tensor;
 pub mod updates;
 
 pub use equations::{Descent, Equations, Expression};

@@ -4,7 +4,7 @@
 use crate::graph::{Graph, Shape, Value};
 use crate::operations::Operation;
 use crate::scalar::Scalar;
-use crate::state::{Tensor, next_version};
+use crate::tensor::{Tensor, next_version};
 
 #[derive(Debug, Clone)]
 pub(crate) struct Memory<T> {
@@ -103,7 +103,7 @@ impl<T: Scalar> Memory<T> {
 
     /// Exchanges a value's entries and version with those of a tensor of a state.
     pub(crate) fn exchange(&mut self, value: Value, tensor: &mut Tensor<T>) {
-        std::mem::swap(&mut self.buffers[self.places[value.0]], &mut tensor.entries);
+        std::mem::swap(&mut self.buffers[self.places[value.0]], tensor.buffer());
         std::mem::swap(&mut self.versions[value.0], &mut tensor.version);
     }
 

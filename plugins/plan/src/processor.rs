@@ -4,6 +4,8 @@
 //! packed again only after they have changed. A run allocates nothing after the first one of its routine, and one
 //! thread executes it.
 
+use crate::elsewhere::Elsewhere;
+use crate::executor;
 use crate::extension::MOST_OPERANDS;
 use crate::fusion::Pieces;
 use crate::graph::{Graph, Routine, Shape, Step, Value};
@@ -98,6 +100,8 @@ pub struct Processor<T: Scalar> {
     wide: [Vec<f64>; 3],
     /// Intermediate numbers of extensions.
     extended: Vec<f32>,
+    /// Routines as kernels, once another executor was at work.
+    elsewhere: Elsewhere,
 }
 
 impl<T: Scalar> Processor<T> {
@@ -129,6 +133,7 @@ impl<T: Scalar> Processor<T> {
             chains: Vec::new(),
             wide: Default::default(),
             extended: Vec::new(),
+            elsewhere: Elsewhere::default(),
         }
     }
 
@@ -226,6 +231,13 @@ impl<T: Scalar> Processor<T> {
             if !state.is_at(bound.place, &bound.name, bound.shape) {
                 bound.place = state.place(&bound.name, bound.shape, bound.is_moment);
             }
+        }
+        if let Some(executor) = executor::current()
+            && self
+                .elsewhere
+                .run(&executor, &self.graph, routine, &mut self.memory, state, seed)
+        {
+            return;
         }
         for bound in &self.bound[routine.0] {
             self.memory.exchange(bound.value, state.at_mut(bound.place));

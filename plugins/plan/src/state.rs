@@ -1,10 +1,12 @@
 //! State that a plan keeps between runs, by its names: parameters, moments, numbers of steps, and numbers such as
 //! learning rates. One state serves every processor whose graph has its names and shapes, for any number of rows.
 
+use crate::executor::{Executor, Member, or_panic};
 use crate::graph::Shape;
 use crate::scalar::Scalar;
+use crate::tensor::Tensor;
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::Arc;
 
 /// A state that does not fit.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -41,29 +43,38 @@ impl std::fmt::Display for StateError {
 impl std::error::Error for StateError {}
 
 /// Parameters, moments and counts of one learner.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug)]
 pub struct State<T> {
     tensors: Vec<Tensor<T>>,
     /// Steps of each parameter's optimiser.
     counts: BTreeMap<String, u64>,
     /// Numbers that differ from those of the graph.
     numbers: BTreeMap<String, f64>,
+    /// The state in the memory of an executor.
+    member: Option<Arc<dyn Member>>,
 }
 
-/// A parameter or a moment.
-#[derive(Debug, Clone)]
-pub(crate) struct Tensor<T> {
-    pub(crate) name: String,
-    pub(crate) shape: Shape,
-    pub(crate) entries: Vec<T>,
-    /// Version of the entries: equal versions have equal entries, in all states of the process.
-    pub(crate) version: u64,
+impl<T> Default for State<T> {
+    fn default() -> Self {
+        Self {
+            tensors: Vec::new(),
+            counts: BTreeMap::new(),
+            numbers: BTreeMap::new(),
+            member: None,
+        }
+    }
 }
 
-/// A version that no entries had before.
-pub(crate) fn next_version() -> u64 {
-    static NEXT: AtomicU64 = AtomicU64::new(1);
-    NEXT.fetch_add(1, Ordering::Relaxed)
+/// A copy is no member of an executor.
+impl<T: Scalar> Clone for State<T> {
+    fn clone(&self) -> Self {
+        Self {
+            tensors: self.tensors.clone(),
+            counts: self.counts.clone(),
+            numbers: self.numbers.clone(),
+            member: None,
+        }
+    }
 }
 
 impl<T: Scalar> State<T> {
@@ -79,12 +90,7 @@ impl<T: Scalar> State<T> {
             "entries of `{name}` {shape:?}"
         );
         self.tensors.retain(|tensor| tensor.name != name);
-        self.tensors.push(Tensor {
-            name,
-            shape,
-            entries,
-            version: next_version(),
-        });
+        self.tensors.push(Tensor::new(name, shape, entries));
     }
 
     /// Adds copies of all parameters and moments whose names begin with `from` and a dot, with the beginning `to`, and
@@ -94,7 +100,7 @@ impl<T: Scalar> State<T> {
         let copies: Vec<_> = self
             .tensors
             .iter()
-            .filter_map(|tensor| Some((rest(&tensor.name)?, tensor.shape, tensor.entries.clone())))
+            .filter_map(|tensor| Some((rest(&tensor.name)?, tensor.shape, tensor.entries().to_vec())))
             .collect();
         for (rest, shape, entries) in copies {
             self.insert(format!("{to}.{rest}"), shape, entries);
@@ -111,14 +117,14 @@ impl<T: Scalar> State<T> {
     /// Name, shape and entries of every parameter and moment.
     pub fn tensors(&self) -> impl Iterator<Item = (&str, Shape, &[T])> {
         let tensors = self.tensors.iter();
-        tensors.map(|tensor| (tensor.name.as_str(), tensor.shape, tensor.entries.as_slice()))
+        tensors.map(|tensor| (tensor.name.as_str(), tensor.shape, tensor.entries()))
     }
 
     /// Shape and entries of a parameter or moment.
     #[must_use]
     pub fn tensor(&self, name: &str) -> Option<(Shape, &[T])> {
         let found = self.tensors.iter().find(|tensor| tensor.name == name)?;
-        Some((found.shape, &found.entries))
+        Some((found.shape, found.entries()))
     }
 
     /// Entries of a parameter or moment.
@@ -138,8 +144,7 @@ impl<T: Scalar> State<T> {
     pub fn entries_mut(&mut self, name: &str) -> &mut [T] {
         let found = self.tensors.iter_mut().find(|tensor| tensor.name == name);
         let tensor = found.unwrap_or_else(|| panic!("no parameter `{name}`"));
-        tensor.version = next_version();
-        &mut tensor.entries
+        tensor.changed()
     }
 
     /// Replaces the entries of a parameter or moment that is there.
@@ -211,17 +216,29 @@ impl<T: Scalar> State<T> {
     /// The state in `f64`, for comparisons of gradients with finite differences.
     #[must_use]
     pub fn widened(&self) -> State<f64> {
-        let wide = |tensor: &Tensor<T>| Tensor {
-            name: tensor.name.clone(),
-            shape: tensor.shape,
-            entries: tensor.entries.iter().map(|entry| entry.wide()).collect(),
-            version: next_version(),
+        let wide = |tensor: &Tensor<T>| {
+            let entries = tensor.entries().iter().map(|entry| entry.wide()).collect();
+            Tensor::new(tensor.name.clone(), tensor.shape, entries)
         };
         State {
             tensors: self.tensors.iter().map(wide).collect(),
             counts: self.counts.clone(),
             numbers: self.numbers.clone(),
+            member: None,
         }
+    }
+
+    /// The state as a member of an executor, with the newest entries of the tensors at some places.
+    pub(crate) fn brought(&mut self, executor: &Arc<dyn Executor>, places: &[usize]) -> Arc<dyn Member> {
+        let tensors = &self.tensors;
+        let member = self.member.get_or_insert_with(|| {
+            let shapes: Vec<_> = tensors.iter().map(|it| (it.name.as_str(), it.shape)).collect();
+            or_panic(executor.admit(&shapes))
+        });
+        for place in places {
+            self.tensors[*place].bring(member);
+        }
+        Arc::clone(member)
     }
 
     /// Place of a parameter, or of a moment, which is added as zeros.

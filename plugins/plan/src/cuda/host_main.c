@@ -1,6 +1,6 @@
-// Reads from standard input, in words of 4 bytes: the number of members in memory, the entries of a member's state, the
-// first entry of each tensor, the constants; all states and all values; the number of members of the run, their places in
-// memory, the words of their runs. Writes all states and all values after the run.
+// Reads from standard input, in words of 4 bytes: the number of members, the entries of a member's state and the number
+// of runs; the first entry of each tensor, the constants, all states; the member of each run, its words, its inputs.
+// Writes all states, and the outputs of each run.
 
 static void *words(size_t n) {
     void *const all = malloc(4 * n + 4);
@@ -8,24 +8,33 @@ static void *words(size_t n) {
     return all;
 }
 
+// Numbers on which no result may depend.
+static float *arbitrary(size_t n) {
+    float *const all = malloc(4 * n + 4);
+    if (!all) exit(1);
+    for (size_t i = 0; i < n; i++) all[i] = -7.5e33f;
+    return all;
+}
+
 int main(void) {
-    const unsigned *const sizes = words(2);
+    const unsigned *const sizes = words(3);
     Population p = {0};
     p.state_size = sizes[1];
+    p.input_size = INPUT_SIZE;
+    p.output_size = OUTPUT_SIZE;
     p.value_size = VALUE_SIZE;
     p.run_size = RUN_SIZE;
     p.tensors = words(N_TENSORS);
     p.constants = words(N_CONSTANTS);
-    const size_t n_states = sizes[0] * p.state_size, n_values = sizes[0] * p.value_size;
+    const size_t n_states = sizes[0] * p.state_size, n_runs = sizes[2];
     p.states = words(n_states);
-    p.values = words(n_values);
-    const unsigned *const n = words(1);
-    unsigned *const members = malloc(4 * (n[0] + 1));
-    if (!members) return 1;
-    members[0] = n[0];
-    if (fread(members + 1, 4, n[0], stdin) != n[0]) return 1;
+    unsigned *const members = words(n_runs + 1);
     p.members = members;
-    p.runs = words((size_t)n[0] * RUN_SIZE);
+    p.runs = words(n_runs * RUN_SIZE);
+    p.inputs = words(n_runs * INPUT_SIZE);
+    p.outputs = arbitrary(n_runs * OUTPUT_SIZE);
+    p.values = arbitrary(n_runs * VALUE_SIZE);
     run_all(p);
-    return fwrite(p.states, 4, n_states, stdout) != n_states || fwrite(p.values, 4, n_values, stdout) != n_values;
+    return fwrite(p.states, 4, n_states, stdout) != n_states ||
+           fwrite(p.outputs, 4, n_runs * OUTPUT_SIZE, stdout) != n_runs * OUTPUT_SIZE;
 }

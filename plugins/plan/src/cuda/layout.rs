@@ -4,13 +4,14 @@ use super::is_of_state;
 use crate::graph::{Graph, Shape, Value};
 use crate::kernels::Kernel;
 use crate::operations::Operation;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// Values begin at multiples of this number of entries, 128 bytes.
-pub(super) const ALIGNMENT: usize = 32;
+const ALIGNMENT: usize = 32;
 
 /// A parameter or a moment.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Leaf {
     /// Name in a state.
     pub name: String,
@@ -22,8 +23,8 @@ pub struct Leaf {
     pub is_changed: bool,
 }
 
-/// Entries of an input or an output among a member's values.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// Entries of an input among all inputs of a routine, or of an output among all outputs.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Span {
     /// Name in the plan.
     pub name: String,
@@ -33,10 +34,26 @@ pub struct Span {
     pub length: usize,
 }
 
+impl Span {
+    /// Its entries among all.
+    #[must_use]
+    pub fn range(&self) -> std::ops::Range<usize> {
+        self.first..self.first + self.length
+    }
+}
+
+/// Entries of some spans one after the other.
+#[must_use]
+pub fn size(spans: &[Span]) -> usize {
+    spans.last().map_or(0, |last| last.first + last.length)
+}
+
 /// Memory of a value or of a partial sum.
 #[derive(Debug, Clone, Copy)]
 enum Place {
     Tensor(usize),
+    Inputs(usize),
+    Outputs(usize),
     Values(usize),
     Constants(usize),
 }
@@ -82,11 +99,13 @@ impl Layout {
             layout.add_constant(graph, value);
         }
         for value in of(|graph, value| graph.nodes[value.0].operation == Operation::Input) {
-            let span = layout.add_named(graph, value);
+            let span = named(graph, value, size(&layout.inputs));
+            layout.places[value.0] = Some(Place::Inputs(span.first));
             layout.inputs.push(span);
         }
         for value in of(|graph, value| graph.nodes[value.0].is_output) {
-            let span = layout.add_named(graph, value);
+            let span = named(graph, value, size(&layout.outputs));
+            layout.places[value.0] = Some(Place::Outputs(span.first));
             layout.outputs.push(span);
         }
         for value in of(|graph, value| graph.nodes[value.0].routine.is_some()) {
@@ -114,6 +133,8 @@ impl Layout {
     pub(super) fn address(&self, cell: usize) -> String {
         match self.places[cell] {
             Some(Place::Tensor(at)) => format!("(state + p.tensors[{at}])"),
+            Some(Place::Inputs(first)) => format!("(inputs + {first})"),
+            Some(Place::Outputs(first)) => format!("(outputs + {first})"),
             Some(Place::Values(first)) => format!("(values + {first})"),
             Some(Place::Constants(first)) => format!("(p.constants + {first})"),
             // Every value that a kernel reads or writes has a place.
@@ -145,16 +166,14 @@ impl Layout {
             self.constants.extend(entries.iter().map(|entry| *entry as f32));
         }
     }
+}
 
-    fn add_named(&mut self, graph: &Graph, value: Value) -> Span {
-        let node = &graph.nodes[value.0];
-        let length = node.shape[0] * node.shape[1];
-        let first = self.reserve(length);
-        self.places[value.0] = Some(Place::Values(first));
-        Span {
-            name: node.name.clone().unwrap_or_default(),
-            first,
-            length,
-        }
+/// An input or an output behind others.
+fn named(graph: &Graph, value: Value, first: usize) -> Span {
+    let node = &graph.nodes[value.0];
+    Span {
+        name: node.name.clone().unwrap_or_default(),
+        first,
+        length: node.shape[0] * node.shape[1],
     }
 }

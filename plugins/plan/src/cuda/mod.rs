@@ -29,9 +29,10 @@ use crate::updates::Update;
 use arithmetic::steps::Rates;
 use layout::Layout;
 use parts::{Part, parts};
+use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
-pub use layout::{Leaf, Span};
+pub use layout::{Leaf, Span, size};
 
 /// Threads of a block of every kernel.
 pub const THREADS: usize = 256;
@@ -59,7 +60,7 @@ impl std::fmt::Display for NoKernel {
 impl std::error::Error for NoKernel {}
 
 /// A kernel that a run of the routine launches.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Wave {
     /// Name of the function.
     pub name: String,
@@ -68,7 +69,7 @@ pub struct Wave {
 }
 
 /// A step of Adam, whose two rates a run has to bring.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Descent {
     /// Name of the parameter, by which a state counts its steps.
     pub parameter: String,
@@ -78,12 +79,40 @@ pub struct Descent {
     pub betas: [f64; 2],
 }
 
+/// Runs of one routine for some members of a population.
+#[derive(Debug, Clone, Copy)]
+pub struct Batch<'a> {
+    /// The routine.
+    pub kernels: &'a Kernels,
+    /// Entries of a member's state.
+    pub state_size: usize,
+    /// First entry in a member's state of each tensor of the routine.
+    pub tensors: &'a [u32],
+    /// The member of each run. None occurs twice.
+    pub members: &'a [u32],
+    /// Words of each run, of [`Kernels::prepare`].
+    pub runs: &'a [u32],
+    /// Inputs of each run.
+    pub inputs: &'a [f32],
+}
+
 /// One routine as kernels.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Kernels {
-    layout: Layout,
-    waves: Vec<Wave>,
-    descents: Vec<Descent>,
+    /// Kernels that a run launches, in order.
+    pub waves: Vec<Wave>,
+    /// Steps of Adam in their order.
+    pub descents: Vec<Descent>,
+    /// Parameters and moments, in the order of their entries in `Population::tensors`.
+    pub tensors: Vec<Leaf>,
+    /// Inputs.
+    pub inputs: Vec<Span>,
+    /// Outputs.
+    pub outputs: Vec<Span>,
+    /// Entries of all other values of one run.
+    pub value_size: usize,
+    /// Bits of the entries that all members share.
+    pub constants: Vec<u32>,
     text: String,
 }
 
@@ -98,72 +127,21 @@ impl Kernels {
         let parts = parts(graph, &kernels, &mut layout)?;
         let (waves, text) = waves(parts, layout.cells());
         Ok(Self {
-            layout,
             waves,
             descents: descents(graph, routine),
+            tensors: layout.tensors,
+            inputs: layout.inputs,
+            outputs: layout.outputs,
+            value_size: layout.value_size,
+            constants: layout.constants.iter().map(|entry| entry.to_bits()).collect(),
             text,
         })
-    }
-
-    /// Kernels that a run launches, in order.
-    #[must_use]
-    pub fn waves(&self) -> &[Wave] {
-        &self.waves
-    }
-
-    /// Steps of Adam in their order.
-    #[must_use]
-    pub fn descents(&self) -> &[Descent] {
-        &self.descents
-    }
-
-    /// Parameters and moments that the routine uses, in the order of their entries in `Population::tensors`.
-    #[must_use]
-    pub fn tensors(&self) -> &[Leaf] {
-        &self.layout.tensors
-    }
-
-    /// Places of inputs in a member's values.
-    #[must_use]
-    pub fn inputs(&self) -> &[Span] {
-        &self.layout.inputs
-    }
-
-    /// Places of outputs in a member's values.
-    #[must_use]
-    pub fn outputs(&self) -> &[Span] {
-        &self.layout.outputs
-    }
-
-    /// Entries of a member's values.
-    #[must_use]
-    pub fn value_size(&self) -> usize {
-        self.layout.value_size
-    }
-
-    /// Entries that all members share.
-    #[must_use]
-    pub fn constants(&self) -> &[f32] {
-        &self.layout.constants
     }
 
     /// Words of a run.
     #[must_use]
     pub fn run_size(&self) -> usize {
         2 + 2 * self.descents.len()
-    }
-
-    /// First entry of each tensor in a member's state, and the entries of a state.
-    #[must_use]
-    pub fn state_layout(&self) -> (Vec<usize>, usize) {
-        let mut size = 0;
-        let mut reserve = |leaf: &Leaf| {
-            let first = size;
-            size += (leaf.shape[0] * leaf.shape[1]).next_multiple_of(layout::ALIGNMENT);
-            first
-        };
-        let tensors = self.tensors().iter().map(&mut reserve).collect();
-        (tensors, size)
     }
 
     /// Adds moments that a state lacks, counts its steps, and returns the words of a run.
@@ -192,31 +170,8 @@ impl Kernels {
     /// # Panics
     /// Where the state lacks a parameter or has another shape of it.
     pub fn add_moments(&self, state: &mut State<f32>) {
-        for leaf in self.tensors() {
+        for leaf in &self.tensors {
             state.place(&leaf.name, leaf.shape, leaf.is_moment);
-        }
-    }
-
-    /// Entries of a state in the order of the layout.
-    #[must_use]
-    pub fn state_entries(&self, state: &State<f32>) -> Vec<f32> {
-        let (firsts, size) = self.state_layout();
-        let mut entries = vec![0.0; size];
-        for (leaf, first) in self.tensors().iter().zip(firsts) {
-            let own = state.entries(&leaf.name);
-            entries[first..][..own.len()].copy_from_slice(own);
-        }
-        entries
-    }
-
-    /// Takes the tensors that a run has changed to a state.
-    pub fn take_entries(&self, state: &mut State<f32>, entries: &[f32]) {
-        let firsts = self.state_layout().0;
-        for (leaf, first) in self.tensors().iter().zip(firsts) {
-            if leaf.is_changed {
-                let own = state.entries_mut(&leaf.name);
-                own.copy_from_slice(&entries[first..][..own.len()]);
-            }
         }
     }
 
@@ -235,9 +190,11 @@ impl Kernels {
         }
         run += "}\n\n";
         let _ = writeln!(run, "#define RUN_SIZE {}", self.run_size());
-        let _ = writeln!(run, "#define VALUE_SIZE {}", self.value_size());
-        let _ = writeln!(run, "#define N_TENSORS {}", self.tensors().len());
-        let _ = writeln!(run, "#define N_CONSTANTS {}\n", self.constants().len());
+        let _ = writeln!(run, "#define INPUT_SIZE {}", size(&self.inputs));
+        let _ = writeln!(run, "#define OUTPUT_SIZE {}", size(&self.outputs));
+        let _ = writeln!(run, "#define VALUE_SIZE {}", self.value_size);
+        let _ = writeln!(run, "#define N_TENSORS {}", self.tensors.len());
+        let _ = writeln!(run, "#define N_CONSTANTS {}\n", self.constants.len());
         [HOST, RUN, &self.body(), &run, HOST_MAIN].concat()
     }
 
@@ -305,9 +262,11 @@ fn write_wave(text: &mut String, name: &str, parts: &[Part]) {
     *text += "    if (PLACE >= (int)p.members[0]) return;
     const unsigned member = p.members[1 + PLACE];
     float *const state = p.states + member * p.state_size;
-    float *const values = p.values + member * p.value_size;
+    const float *const inputs = p.inputs + PLACE * p.input_size;
+    float *const outputs = p.outputs + PLACE * p.output_size;
+    float *const values = p.values + PLACE * p.value_size;
     const unsigned *const run = p.runs + (u64)PLACE * p.run_size;
-    (void)state, (void)run, (void)shared;\n";
+    (void)state, (void)inputs, (void)outputs, (void)values, (void)run, (void)shared;\n";
     let mut first = 0;
     for part in parts {
         let end = first + part.blocks;

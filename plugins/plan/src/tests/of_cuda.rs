@@ -1,8 +1,10 @@
 //! Kernels for a card, run literally, against the processor, bit by bit.
 
+#![allow(clippy::cast_possible_truncation, reason = "members and entries are few")]
+
 use super::*;
-use crate::cuda::literal::{Literal, Member};
-use crate::cuda::{Kernels, NoKernel};
+use crate::cuda::literal::Literal;
+use crate::cuda::{Batch, Kernels, NoKernel, size};
 use crate::operations::{Function, Pair};
 use std::collections::BTreeMap;
 
@@ -10,66 +12,47 @@ use std::collections::BTreeMap;
 const N_MEMBERS: usize = 4;
 const PLACES: [usize; 3] = [3, 0, 2];
 
+/// A member with the entries of its inputs.
+#[derive(Clone)]
+struct Member {
+    state: State<f32>,
+    inputs: Vec<f32>,
+    seed: u64,
+}
+
 /// Asserts that kernels of the routine `all` give members the bits of a run alone on the processor, `n_runs` times.
 /// `limits` are those of the entries of leaves, by name.
 fn assert_equal_bits(graph: &Graph, n_runs: u64, limits: impl Fn(&str) -> [f64; 2]) {
     let folder = tempfile::tempdir().unwrap();
-    let routine = graph.routine_named("all").unwrap();
-    let kernels = Kernels::new(graph, routine).unwrap();
-    let (tensors, inputs) = (kernels.tensors().to_vec(), kernels.inputs().to_vec());
-    let outputs = kernels.outputs().to_vec();
-    let literal = Literal::new(kernels, folder.path()).unwrap();
-    #[allow(clippy::cast_possible_truncation, reason = "the nearest f32 is meant")]
-    let entries = |name: &str, n, seed| -> Vec<f32> {
-        let wide = numbers(n, seed, limits(name));
-        wide.into_iter().map(|x| x as f32).collect()
-    };
-    let member = |at: u64| {
-        let mut member = Member {
-            seed: 1000 + at,
-            ..Member::default()
-        };
-        for (nth, leaf) in tensors.iter().enumerate().filter(|(_, leaf)| !leaf.is_moment) {
-            let n = leaf.shape[0] * leaf.shape[1];
-            let seed = at << 20 | nth as u64;
-            member
-                .state
-                .insert(&leaf.name, leaf.shape, entries(&leaf.name, n, seed));
-        }
-        for (nth, span) in inputs.iter().enumerate() {
-            let seed = at << 20 | 1 << 10 | nth as u64;
-            member
-                .inputs
-                .insert(span.name.clone(), entries(&span.name, span.length, seed));
-        }
-        member
-    };
-    let mut members: Vec<Member> = (0..N_MEMBERS as u64).map(member).collect();
+    let kernels = Kernels::new(graph, graph.routine_named("all").unwrap()).unwrap();
+    let literal = Literal::new(&kernels, &folder.path().join("kernels")).unwrap();
+    let mut members: Vec<Member> = (0..N_MEMBERS as u64)
+        .map(|at| member(&kernels, at, &limits))
+        .collect();
     let mut alone = members.clone();
     let mut processor = Processor::<f32>::new(graph.clone());
     for run in 0..n_runs {
         for member in members.iter_mut().chain(&mut alone) {
-            member.seed = member.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(run);
+            member.seed = arithmetic::draws::mix(member.seed + run);
         }
-        literal.run(&mut members, &PLACES).unwrap();
-        for place in PLACES {
-            let Member {
-                state, inputs, seed, ..
-            } = &mut alone[place];
-            for (name, entries) in &*inputs {
-                processor.write(name, entries);
+        let outputs = run_together(&kernels, &literal, &mut members);
+        let output_size = size(&kernels.outputs);
+        for (at, place) in PLACES.into_iter().enumerate() {
+            let outputs = &outputs[at * output_size..][..output_size];
+            let Member { state, inputs, seed } = &mut alone[place];
+            for span in &kernels.inputs {
+                processor.write(&span.name, &inputs[span.range()]);
             }
             processor.run_seeded("all", state, *seed);
-            for span in &outputs {
-                let found = &members[place].outputs[&span.name];
-                let expected = processor.entries(&span.name);
+            for span in &kernels.outputs {
+                let (found, expected) = (&outputs[span.range()], processor.entries(&span.name));
                 let differs =
                     |(a, b): (&f32, &f32)| a.to_bits() != b.to_bits() && !(a.is_nan() && b.is_nan());
-                let first = found.iter().zip(expected).position(differs);
-                if let Some(at) = first {
+                if let Some(at) = found.iter().zip(expected).position(differs) {
+                    let name = &span.name;
                     panic!(
-                        "`{}` of member {place}: entry {at} is {:?}, not {:?}",
-                        span.name, found[at], expected[at]
+                        "`{name}` of member {place}: entry {at} is {:?}, not {:?}",
+                        found[at], expected[at]
                     );
                 }
             }
@@ -84,6 +67,78 @@ fn assert_equal_bits(graph: &Graph, n_runs: u64, limits: impl Fn(&str) -> [f64; 
             }
         }
     }
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "the nearest f32 is meant")]
+fn member(kernels: &Kernels, at: u64, limits: &impl Fn(&str) -> [f64; 2]) -> Member {
+    let entries = |name: &str, n, seed| {
+        let wide = numbers(n, seed, limits(name));
+        wide.into_iter().map(|x| x as f32).collect::<Vec<f32>>()
+    };
+    let mut state = State::default();
+    for (nth, leaf) in kernels
+        .tensors
+        .iter()
+        .enumerate()
+        .filter(|(_, leaf)| !leaf.is_moment)
+    {
+        let n = leaf.shape[0] * leaf.shape[1];
+        state.insert(
+            &leaf.name,
+            leaf.shape,
+            entries(&leaf.name, n, at << 20 | nth as u64),
+        );
+    }
+    let inputs = kernels.inputs.iter().enumerate();
+    let inputs =
+        inputs.flat_map(|(nth, span)| entries(&span.name, span.length, at << 20 | 1 << 10 | nth as u64));
+    Member {
+        state,
+        inputs: inputs.collect(),
+        seed: 1000 + at,
+    }
+}
+
+/// Runs the members at [`PLACES`] at once; tensors lie backwards in the memory, with gaps.
+fn run_together(kernels: &Kernels, literal: &Literal, members: &mut [Member]) -> Vec<f32> {
+    let (mut runs, mut inputs) = (Vec::new(), Vec::new());
+    for place in PLACES {
+        runs.extend(kernels.prepare(&mut members[place].state, members[place].seed));
+        inputs.extend(&members[place].inputs);
+    }
+    let (mut firsts, mut state_size) = (vec![0; kernels.tensors.len()], 0);
+    for (first, leaf) in firsts.iter_mut().zip(&kernels.tensors).rev() {
+        *first = state_size;
+        state_size += (leaf.shape[0] * leaf.shape[1]).next_multiple_of(32) + 32;
+    }
+    let mut states = vec![0.0; members.len() * state_size];
+    for (member, memory) in members.iter().zip(states.chunks_exact_mut(state_size.max(1))) {
+        for (leaf, first) in kernels.tensors.iter().zip(&firsts) {
+            if let Some((_, entries)) = member.state.tensor(&leaf.name) {
+                memory[*first..][..entries.len()].copy_from_slice(entries);
+            }
+        }
+    }
+    let outputs = literal.run(
+        &mut states,
+        &Batch {
+            kernels,
+            state_size,
+            tensors: &firsts.iter().map(|first| *first as u32).collect::<Vec<u32>>(),
+            members: &PLACES.map(|place| place as u32),
+            runs: &runs,
+            inputs: &inputs,
+        },
+    );
+    for (member, memory) in members.iter_mut().zip(states.chunks_exact(state_size.max(1))) {
+        for (leaf, first) in kernels.tensors.iter().zip(&firsts) {
+            if member.state.tensor(&leaf.name).is_some() {
+                let own = member.state.entries_mut(&leaf.name);
+                own.copy_from_slice(&memory[*first..][..own.len()]);
+            }
+        }
+    }
+    outputs.unwrap()
 }
 
 #[test]
@@ -332,7 +387,7 @@ fn an_operation_of_another_crate_has_no_kernel() {
     let routine = graph.routine("all");
     let product = graph.apply(of_extensions::Products { is_constant: false }, &[a, b]);
     graph.output("product", product);
-    let found = Kernels::new(&graph, routine).map(|kernels| kernels.waves().len());
+    let found = Kernels::new(&graph, routine).map(|kernels| kernels.waves.len());
     assert_eq!(
         found,
         Err(NoKernel {
@@ -355,11 +410,11 @@ fn waves_keep_the_order_of_reads_and_writes() {
     }
     graph.output("after", after);
     let kernels = Kernels::new(&graph, routine).unwrap();
-    let blocks: Vec<usize> = kernels.waves().iter().map(|wave| wave.blocks).collect();
+    let blocks: Vec<usize> = kernels.waves.iter().map(|wave| wave.blocks).collect();
     assert_eq!(blocks, [3, 1, 1]);
     assert_equal_bits(&graph, 2, |_| [-1.0, 1.0]);
     let names: BTreeMap<_, _> = kernels
-        .tensors()
+        .tensors
         .iter()
         .map(|leaf| (&leaf.name, leaf.is_changed))
         .collect();
