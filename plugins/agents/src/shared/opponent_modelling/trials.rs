@@ -245,7 +245,7 @@ pub(crate) fn assert_sight<A: Algorithm>(algorithm: impl Fn(Settings) -> A) {
 }
 
 /// Asserts that members of a population of the algorithm learn as trials alone.
-pub(crate) fn assert_members_learn_as_alone<A: Algorithm + Clone>(algorithm: &A) {
+pub(crate) fn assert_members_learn_as_alone<A: Algorithm + Clone + Sync>(algorithm: &A) {
     population::assert_members_learn_as_alone(
         |rng| Learner::new(algorithm.clone(), &coordination::game(), rng).unwrap(),
         |learner| std::slice::from_mut(&mut learner.learning),

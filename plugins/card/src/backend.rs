@@ -1,0 +1,32 @@
+//! A device that holds states and runs batches.
+
+use plan::cuda::Batch;
+use plan::executor::Lost;
+use std::ops::Range;
+
+/// Memory of states, by cohort and member, and the runs of routines on them. One thread uses it.
+pub trait Backend {
+    /// Provides for `n_members` states of `state_size` entries; states that are there stay.
+    ///
+    /// # Errors
+    /// [`Lost`] where memory is short.
+    fn reserve(&mut self, cohort: usize, state_size: usize, n_members: usize) -> Result<(), Lost>;
+
+    /// Writes entries of a member's state from a first one on.
+    ///
+    /// # Errors
+    /// [`Lost`] where the device fails.
+    fn write(&mut self, cohort: usize, member: u32, first: usize, entries: &[f32]) -> Result<(), Lost>;
+
+    /// Reads entries of a member's state.
+    ///
+    /// # Errors
+    /// [`Lost`] where the device fails.
+    fn read(&mut self, cohort: usize, member: u32, entries: Range<usize>) -> Result<Vec<f32>, Lost>;
+
+    /// Runs a batch of members of a cohort; returns the outputs of each run. Equal `routine`s have equal kernels.
+    ///
+    /// # Errors
+    /// [`Lost`] where the device fails or memory is short.
+    fn run(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<Vec<f32>, Lost>;
+}

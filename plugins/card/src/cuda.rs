@@ -1,0 +1,395 @@
+//! NVIDIA's cards, by their driver and the compiler NVRTC, both of which are loaded when they are needed.
+
+#![allow(unsafe_code, reason = "the card computes on addresses")]
+
+use crate::backend::Backend;
+use cudarc::driver::sys::{CUgraphInstantiate_flags, CUstreamCaptureMode};
+use cudarc::driver::{
+    CudaContext, CudaFunction, CudaGraph, CudaSlice, CudaStream, DevicePtr, DeviceRepr, DriverError,
+    LaunchConfig, PushKernelArg, ValidAsZeroBits,
+};
+use cudarc::nvrtc::{CompileError, CompileOptions, Ptx, compile_ptx_with_opts};
+use plan::cuda::{Batch, Kernels, THREADS, size};
+use plan::executor::Lost;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Oldest version of the driver's interface that the program knows.
+const OLDEST_DRIVER: i32 = 12000;
+
+/// Architecture that kernels are compiled for; the driver translates them for the card.
+const ARCHITECTURE: &str = "compute_80";
+
+/// Compiles kernels to PTX. No card is needed.
+///
+/// # Errors
+/// A sentence that says why they cannot be compiled.
+pub fn compile(kernels: &Kernels) -> Result<Ptx, Lost> {
+    // SAFETY: the function opens the library and closes it again; NVRTC has no initialiser that runs code of others.
+    if !unsafe { cudarc::nvrtc::sys::is_culib_present() } {
+        let reason = "the compiler for the card is missing: the library libnvrtc is not found; the Python package \
+                      nvidia-cuda-nvrtc-cu12 has it, and LD_LIBRARY_PATH has to name its folder";
+        return Err(Lost {
+            reason: reason.into(),
+        });
+    }
+    let options = CompileOptions {
+        // No sum is contracted to a fused multiply-add, and division and root are those of IEEE 754.
+        fmad: Some(false),
+        prec_div: Some(true),
+        prec_sqrt: Some(true),
+        ftz: Some(false),
+        arch: Some(ARCHITECTURE),
+        ..CompileOptions::default()
+    };
+    compile_ptx_with_opts(kernels.source(), options).map_err(|error| Lost {
+        reason: match error {
+            CompileError::CompileError { log, .. } => {
+                format!(
+                    "the kernels for the card cannot be compiled: {}",
+                    log.to_string_lossy()
+                )
+            }
+            other => format!("the kernels for the card cannot be compiled: {other}"),
+        },
+    })
+}
+
+/// Arguments of a kernel: `Population` of `population.c`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+struct Arguments {
+    states: u64,
+    inputs: u64,
+    outputs: u64,
+    values: u64,
+    constants: u64,
+    tensors: u64,
+    members: u64,
+    runs: u64,
+    state_size: u64,
+    input_size: u64,
+    output_size: u64,
+    value_size: u64,
+    run_size: u32,
+}
+
+// SAFETY: the structure has the layout of C and no references.
+unsafe impl DeviceRepr for Arguments {}
+
+/// A card.
+pub struct Card {
+    stream: Arc<CudaStream>,
+    /// States of each cohort, and their size.
+    states: BTreeMap<usize, (usize, CudaSlice<f32>)>,
+    routines: BTreeMap<usize, LoadedRoutine>,
+    /// Values of the routine that runs.
+    values: Option<CudaSlice<f32>>,
+}
+
+/// A routine on the card, with memory for as many runs as its largest batch had.
+struct LoadedRoutine {
+    waves: Vec<(CudaFunction, u32)>,
+    constants: CudaSlice<f32>,
+    buffers: Option<Buffers>,
+    /// The launches for a cohort and a number of runs, with the addresses for which they were recorded.
+    graphs: BTreeMap<(usize, u32), (Addresses, CudaGraph)>,
+}
+
+/// Addresses that launches hold.
+type Addresses = [u64; 6];
+
+struct Buffers {
+    n_runs: usize,
+    inputs: CudaSlice<f32>,
+    outputs: CudaSlice<f32>,
+    tensors: CudaSlice<u32>,
+    members: CudaSlice<u32>,
+    runs: CudaSlice<u32>,
+}
+
+/// A sentence for an error of the driver.
+fn lost(error: DriverError) -> Lost {
+    use cudarc::driver::sys::CUresult;
+    let said = error.error_string().map_or_else(
+        |_| format!("{error:?}"),
+        |text| text.to_string_lossy().into_owned(),
+    );
+    Lost {
+        reason: match error.0 {
+            CUresult::CUDA_ERROR_OUT_OF_MEMORY => {
+                "the card has no memory left for this population: run fewer trials at a time with --jobs"
+                    .into()
+            }
+            CUresult::CUDA_ERROR_NO_DEVICE => "the driver finds no card".into(),
+            CUresult::CUDA_ERROR_ECC_UNCORRECTABLE
+            | CUresult::CUDA_ERROR_ILLEGAL_ADDRESS
+            | CUresult::CUDA_ERROR_LAUNCH_FAILED => format!("the card is lost: {said}"),
+            _ => format!("the card cannot be used: {said}"),
+        },
+    }
+}
+
+impl Card {
+    /// Opens a card by its number.
+    ///
+    /// # Errors
+    /// A sentence that says what the machine lacks.
+    pub fn open(number: usize) -> Result<Self, Lost> {
+        // SAFETY: as in `compile`.
+        if !unsafe { cudarc::driver::sys::is_culib_present() } {
+            let reason = "this machine has no driver of NVIDIA: the library libcuda is not found";
+            return Err(Lost {
+                reason: reason.into(),
+            });
+        }
+        let context = CudaContext::new(number).map_err(lost)?;
+        let mut version = 0;
+        // SAFETY: the address is that of a number of the right type.
+        let asked = unsafe { cudarc::driver::sys::cuDriverGetVersion(&raw mut version) };
+        asked.result().map_err(lost)?;
+        if version < OLDEST_DRIVER {
+            let shown = |version: i32| format!("{}.{}", version / 1000, version % 1000 / 10);
+            let (found, oldest) = (shown(version), shown(OLDEST_DRIVER));
+            let reason = format!("the driver is too old: it knows CUDA {found}, and {oldest} is needed");
+            return Err(Lost { reason });
+        }
+        let stream = context.new_stream().map_err(lost)?;
+        Ok(Self {
+            stream,
+            states: BTreeMap::new(),
+            routines: BTreeMap::new(),
+            values: None,
+        })
+    }
+
+    /// Name and memory of the card, in words.
+    ///
+    /// # Errors
+    /// [`Lost`] where the driver does not say.
+    pub fn in_words(&self) -> Result<String, Lost> {
+        let context = self.stream.context();
+        let (name, bytes) = (context.name().map_err(lost)?, context.total_mem().map_err(lost)?);
+        Ok(format!("{name} with {} GiB", bytes >> 30))
+    }
+
+    /// Zeros; at least one, since the driver gives no memory of no bytes.
+    fn zeros<T: DeviceRepr + ValidAsZeroBits>(&self, length: usize) -> Result<CudaSlice<T>, Lost> {
+        self.stream.alloc_zeros(length.max(1)).map_err(lost)
+    }
+
+    fn load(&mut self, routine: usize, kernels: &Kernels) -> Result<(), Lost> {
+        if self.routines.contains_key(&routine) {
+            return Ok(());
+        }
+        let module = self
+            .stream
+            .context()
+            .load_module(compile(kernels)?)
+            .map_err(lost)?;
+        let wave = |wave: &plan::cuda::Wave| {
+            let function = module.load_function(&wave.name).map_err(lost)?;
+            Ok((function, word(wave.blocks)))
+        };
+        let waves = kernels.waves.iter().map(wave).collect::<Result<_, Lost>>()?;
+        let mut constants = self.zeros(kernels.constants.len())?;
+        let entries: Vec<f32> = kernels
+            .constants
+            .iter()
+            .map(|bits| f32::from_bits(*bits))
+            .collect();
+        if !entries.is_empty() {
+            self.stream.memcpy_htod(&entries, &mut constants).map_err(lost)?;
+        }
+        let loaded = LoadedRoutine {
+            waves,
+            constants,
+            buffers: None,
+            graphs: BTreeMap::new(),
+        };
+        self.routines.insert(routine, loaded);
+        Ok(())
+    }
+
+    fn buffers(&self, kernels: &Kernels, n_runs: usize) -> Result<Buffers, Lost> {
+        Ok(Buffers {
+            n_runs,
+            inputs: self.zeros(n_runs * size(&kernels.inputs))?,
+            outputs: self.zeros(n_runs * size(&kernels.outputs))?,
+            tensors: self.zeros(kernels.tensors.len())?,
+            members: self.zeros(1 + n_runs)?,
+            runs: self.zeros(n_runs * kernels.run_size())?,
+        })
+    }
+
+    /// Memory for `n_runs` runs of a routine.
+    fn provide(&mut self, routine: usize, kernels: &Kernels, n_runs: usize) -> Result<(), Lost> {
+        self.load(routine, kernels)?;
+        let there = self.routines[&routine].buffers.as_ref();
+        if there.is_none_or(|buffers| buffers.n_runs < n_runs) {
+            let buffers = self.buffers(kernels, n_runs)?;
+            if let Some(loaded) = self.routines.get_mut(&routine) {
+                loaded.buffers = Some(buffers);
+            }
+        }
+        let length = n_runs * kernels.value_size;
+        if self.values.as_ref().is_none_or(|values| values.len() < length) {
+            // The old memory is free before the new one is taken.
+            self.values = None;
+            self.values = Some(self.zeros(length)?);
+        }
+        Ok(())
+    }
+
+    fn state(&mut self, cohort: usize) -> Result<&mut (usize, CudaSlice<f32>), Lost> {
+        self.states.get_mut(&cohort).ok_or_else(|| Lost {
+            reason: format!("cohort {cohort} has no memory on the card"),
+        })
+    }
+}
+
+/// A number of blocks, members or entries, all of which are below 2^32 on any card.
+fn word(n: usize) -> u32 {
+    u32::try_from(n).unwrap_or(u32::MAX)
+}
+
+impl Backend for Card {
+    fn reserve(&mut self, cohort: usize, state_size: usize, n_members: usize) -> Result<(), Lost> {
+        let there = self.states.get(&cohort).map_or(0, |(_, states)| states.len());
+        if there >= (n_members * state_size).max(1) {
+            return Ok(());
+        }
+        let mut states = self.zeros(n_members.next_power_of_two() * state_size)?;
+        if let Some((_, old)) = self.states.get(&cohort) {
+            let mut front = states.slice_mut(..old.len());
+            self.stream.memcpy_dtod(old, &mut front).map_err(lost)?;
+        }
+        self.states.insert(cohort, (state_size, states));
+        Ok(())
+    }
+
+    fn write(&mut self, cohort: usize, member: u32, first: usize, entries: &[f32]) -> Result<(), Lost> {
+        let stream = Arc::clone(&self.stream);
+        let (size, states) = self.state(cohort)?;
+        let first = member as usize * *size + first;
+        let mut own = states.slice_mut(first..first + entries.len());
+        stream.memcpy_htod(entries, &mut own).map_err(lost)?;
+        stream.synchronize().map_err(lost)
+    }
+
+    fn read(&mut self, cohort: usize, member: u32, entries: Range<usize>) -> Result<Vec<f32>, Lost> {
+        let stream = Arc::clone(&self.stream);
+        let (size, states) = self.state(cohort)?;
+        let first = member as usize * *size;
+        let own = states.slice(first + entries.start..first + entries.end);
+        let read = stream.clone_dtoh(&own).map_err(lost)?;
+        stream.synchronize().map_err(lost)?;
+        Ok(read)
+    }
+
+    fn run(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<Vec<f32>, Lost> {
+        let kernels = batch.kernels;
+        // Few numbers of runs have launches of their own; blocks of places without a run end at once.
+        let n_runs = batch.members.len().next_power_of_two();
+        self.provide(routine, kernels, n_runs)?;
+        let stream = Arc::clone(&self.stream);
+        let states = &self.state(cohort)?.1;
+        let states = states.device_ptr(&stream).0;
+        let values = self
+            .values
+            .as_ref()
+            .map_or(0, |values| values.device_ptr(&stream).0);
+        // `provide` has brought both.
+        let Some(loaded) = self.routines.get_mut(&routine) else {
+            unreachable!("routine {routine} is not loaded")
+        };
+        let LoadedRoutine {
+            waves,
+            constants,
+            buffers: Some(buffers),
+            graphs,
+        } = loaded
+        else {
+            unreachable!("routine {routine} has no buffers")
+        };
+        let members: Vec<u32> = std::iter::once(word(batch.members.len()))
+            .chain(batch.members.iter().copied())
+            .collect();
+        stream
+            .memcpy_htod(batch.tensors, &mut buffers.tensors)
+            .map_err(lost)?;
+        stream.memcpy_htod(&members, &mut buffers.members).map_err(lost)?;
+        stream.memcpy_htod(batch.runs, &mut buffers.runs).map_err(lost)?;
+        stream
+            .memcpy_htod(batch.inputs, &mut buffers.inputs)
+            .map_err(lost)?;
+        let arguments = Arguments {
+            states,
+            inputs: buffers.inputs.device_ptr(&stream).0,
+            outputs: buffers.outputs.device_ptr(&stream).0,
+            values,
+            constants: constants.device_ptr(&stream).0,
+            tensors: buffers.tensors.device_ptr(&stream).0,
+            members: buffers.members.device_ptr(&stream).0,
+            runs: buffers.runs.device_ptr(&stream).0,
+            state_size: batch.state_size as u64,
+            input_size: size(&kernels.inputs) as u64,
+            output_size: size(&kernels.outputs) as u64,
+            value_size: kernels.value_size as u64,
+            run_size: word(kernels.run_size()),
+        };
+        let addresses = [
+            states,
+            values,
+            arguments.inputs,
+            arguments.outputs,
+            arguments.members,
+            arguments.runs,
+        ];
+        let key = (cohort, word(n_runs));
+        if graphs.get(&key).is_none_or(|(of, _)| *of != addresses) {
+            let graph = record(&stream, waves, word(n_runs), &arguments)?;
+            graphs.insert(key, (addresses, graph));
+        }
+        graphs[&key].1.launch().map_err(lost)?;
+        let length = batch.members.len() * size(&kernels.outputs);
+        let outputs = if length == 0 {
+            Vec::new()
+        } else {
+            stream
+                .clone_dtoh(&buffers.outputs.slice(..length))
+                .map_err(lost)?
+        };
+        stream.synchronize().map_err(lost)?;
+        Ok(outputs)
+    }
+}
+
+/// All kernels of a routine as one graph, which is launched at once.
+fn record(
+    stream: &Arc<CudaStream>,
+    waves: &[(CudaFunction, u32)],
+    n_runs: u32,
+    arguments: &Arguments,
+) -> Result<CudaGraph, Lost> {
+    let mode = CUstreamCaptureMode::CU_STREAM_CAPTURE_MODE_THREAD_LOCAL;
+    stream.begin_capture(mode).map_err(lost)?;
+    let launched = waves.iter().try_for_each(|(function, blocks)| {
+        let shape = LaunchConfig {
+            grid_dim: (*blocks, n_runs, 1),
+            block_dim: (word(THREADS), 1, 1),
+            shared_mem_bytes: 0,
+        };
+        let mut launch = stream.launch_builder(function);
+        launch.arg(arguments);
+        // SAFETY: the kernel has this one argument, and its blocks and members are those for which the memory was taken.
+        unsafe { launch.launch(shape) }.map(drop).map_err(lost)
+    });
+    let flags = CUgraphInstantiate_flags::CUDA_GRAPH_INSTANTIATE_FLAG_USE_NODE_PRIORITY;
+    let graph = stream.end_capture(flags).map_err(lost)?;
+    launched?;
+    graph.ok_or_else(|| Lost {
+        reason: "the card cannot be used: the kernels of a routine were not recorded".into(),
+    })
+}

@@ -1,0 +1,25 @@
+//! Populations of learners on a graphics card: the learners of hundreds of trials train at once, each with the bits of
+//! a trial alone on a core.
+//!
+//! One process drives the card. Every trial keeps a process of its own, with its environment, its replay memory and
+//! its limits, and asks the first one to run the routines of its learners. Requests for one routine that wait at the
+//! same time become one batch. No bit depends on the batch.
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`backend`] | a device that holds states and runs batches |
+//! | [`cohort`] | members whose states have one shape, and their memory |
+//! | [`population`] | the thread that makes batches of requests |
+//! | [`socket`] | requests of other processes |
+//! | [`cuda`] | NVIDIA's cards |
+//! | [`literal`] | a processor that runs the text of the kernels, for tests |
+
+pub mod backend;
+pub mod cohort;
+pub mod cuda;
+pub mod literal;
+pub mod population;
+pub mod socket;
+
+#[cfg(test)]
+mod tests;

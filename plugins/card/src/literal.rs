@@ -1,0 +1,73 @@
+//! A processor that runs the text of the kernels, for tests of everything but the card itself.
+
+use crate::backend::Backend;
+use plan::cuda::Batch;
+use plan::cuda::literal::Literal;
+use plan::executor::Lost;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::PathBuf;
+
+/// States in memory, and a program for each routine.
+#[derive(Debug)]
+pub struct LiteralProcessor {
+    /// Folder of the programs.
+    folder: PathBuf,
+    programs: BTreeMap<usize, Literal>,
+    /// States of each cohort, and their size.
+    states: BTreeMap<usize, (usize, Vec<f32>)>,
+}
+
+impl LiteralProcessor {
+    /// A processor whose programs lie in a folder that is there.
+    #[must_use]
+    pub fn new(folder: PathBuf) -> Self {
+        Self {
+            folder,
+            programs: BTreeMap::new(),
+            states: BTreeMap::new(),
+        }
+    }
+
+    fn state(&mut self, cohort: usize, member: u32) -> &mut [f32] {
+        let (size, states) = self.states.entry(cohort).or_default();
+        &mut states[member as usize * *size..][..*size]
+    }
+}
+
+fn lost(error: &std::io::Error) -> Lost {
+    Lost {
+        reason: error.to_string(),
+    }
+}
+
+impl Backend for LiteralProcessor {
+    fn reserve(&mut self, cohort: usize, state_size: usize, n_members: usize) -> Result<(), Lost> {
+        let (size, states) = self.states.entry(cohort).or_default();
+        *size = state_size;
+        // No result may depend on entries that nobody has written.
+        states.resize(n_members * state_size, f32::MAX);
+        Ok(())
+    }
+
+    fn write(&mut self, cohort: usize, member: u32, first: usize, entries: &[f32]) -> Result<(), Lost> {
+        self.state(cohort, member)[first..][..entries.len()].copy_from_slice(entries);
+        Ok(())
+    }
+
+    fn read(&mut self, cohort: usize, member: u32, entries: Range<usize>) -> Result<Vec<f32>, Lost> {
+        Ok(self.state(cohort, member)[entries].to_vec())
+    }
+
+    fn run(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<Vec<f32>, Lost> {
+        if !self.programs.contains_key(&routine) {
+            let program = self.folder.join(format!("routine-{routine}"));
+            let compiled = Literal::new(batch.kernels, &program).map_err(|error| lost(&error))?;
+            self.programs.insert(routine, compiled);
+        }
+        let states = &mut self.states.entry(cohort).or_default().1;
+        self.programs[&routine]
+            .run(states, batch)
+            .map_err(|error| lost(&error))
+    }
+}
