@@ -1,9 +1,11 @@
-//! Times one update of soft actor-critic as a plan, on one core: `soft_actor_critic [SECONDS]`.
+//! Times one update of soft actor-critic as a plan, on one core: `soft_actor_critic [SECONDS]`. `soft_actor_critic
+//! kernels` prints its kernels for a card instead.
 //!
 //! 9 observations, 4 actions, two hidden layers of 256, batch 256, twin critics with targets, tuned temperature, no
 //! clipping. Prints updates per second and the time of each kind of kernel.
 
 use arithmetic::draws::{GOLDEN, mix, normal};
+use plan::cuda::Kernels;
 use plan::equations::Descent;
 use plan::{Activation, Equations, Expression, Processor, Routine, Shape, State, Work};
 use std::collections::BTreeMap;
@@ -128,14 +130,17 @@ fn draws(name: &str, n: usize, sd: f64) -> Vec<f32> {
     reason = "the program measures time and prints its results"
 )]
 fn main() {
-    let seconds = std::env::args()
-        .nth(1)
-        .and_then(|word| word.parse().ok())
-        .unwrap_or(3.0);
+    let argument = std::env::args().nth(1).unwrap_or_default();
+    let seconds = argument.parse().unwrap_or(3.0);
     let (equations, mut state) = (Equations::new(), State::default());
     add_update(&equations, &mut state);
     let graph = equations.into_graph();
     let routine = graph.routine_named("update").expect("the routine that was added");
+    if argument == "kernels" {
+        let kernels = Kernels::new(&graph, routine).expect("no operation of another crate");
+        print!("{}", kernels.source());
+        return;
+    }
     let (flops, bytes) = (graph.flops(routine), graph.bytes(routine));
     let mut processor = Processor::<f32>::new(graph);
     for name in ["observations", "actions", "rewards", "next observations"] {

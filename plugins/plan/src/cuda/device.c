@@ -5,8 +5,10 @@ typedef unsigned long long u64;
 
 #define KERNEL(name) extern "C" __global__ void __launch_bounds__(THREADS) name(const Population p)
 #define FUNCTION static __device__ __forceinline__
+// A function that several kernels call, which is compiled once.
+#define SHARED_TEXT static __device__ __noinline__
 #define UNROLL _Pragma("unroll")
-#define ALL_BLOCKS_SHARED __shared__ __align__(16)
+#define OF_BLOCK static __shared__ __align__(16)
 
 #define BLOCK ((int)blockIdx.x)
 #define PLACE ((int)blockIdx.y)

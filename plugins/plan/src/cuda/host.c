@@ -14,8 +14,9 @@ static int BLOCK, PLACE;
 
 #define KERNEL(name) static void name(const Population p)
 #define FUNCTION static inline
+#define SHARED_TEXT static
 #define UNROLL
-#define ALL_BLOCKS_SHARED static _Alignas(16)
+#define OF_BLOCK static _Alignas(16)
 
 #define EACH_THREAD for (int thread = 0, own = 0; thread < THREADS; own = ++thread)
 #define KEPT THREADS

@@ -243,38 +243,58 @@ fn waves(parts: Vec<Part>, cells: usize) -> (Vec<Wave>, String) {
         of_waves.resize_with(of_waves.len().max(wave + 1), Vec::new);
         of_waves[wave].push(part);
     }
+    let mut functions = Functions::default();
     let mut text = String::new();
     let waves = of_waves.iter().enumerate().map(|(at, parts)| {
         let name = format!("wave_{at}");
-        write_wave(&mut text, &name, parts);
+        write_wave(&mut text, &name, parts, &mut functions);
         Wave {
             name,
             blocks: parts.iter().map(|part| part.blocks).sum(),
         }
     });
-    (waves.collect(), text)
+    let waves = waves.collect();
+    (waves, functions.text + &text)
 }
 
-fn write_wave(text: &mut String, name: &str, parts: &[Part]) {
-    let shared = parts.iter().map(|part| part.shared).max().unwrap_or(0).max(4);
+/// Operations as functions, each text once.
+#[derive(Default)]
+struct Functions {
+    known: Vec<String>,
+    text: String,
+}
+
+impl Functions {
+    fn name(&mut self, part: &Part) -> String {
+        let parameters: Vec<&str> = part.parameters.iter().map(|(it, _)| it.as_str()).collect();
+        let parameters = parameters.join(", ");
+        let body = format!("({parameters}, const unsigned *run, const int block) {{\n");
+        let lines = part.text.lines().map(|line| format!("    {line}\n"));
+        let text = body + &lines.collect::<String>() + "}\n";
+        let found = self.known.iter().position(|it| *it == text);
+        let at = found.unwrap_or_else(|| {
+            let _ = write!(
+                self.text,
+                "\nSHARED_TEXT void operation_{}{text}",
+                self.known.len()
+            );
+            self.known.push(text);
+            self.known.len() - 1
+        });
+        format!("operation_{at}")
+    }
+}
+
+fn write_wave(text: &mut String, name: &str, parts: &[Part], functions: &mut Functions) {
     let _ = writeln!(text, "\nKERNEL({name}) {{");
-    let _ = writeln!(text, "    ALL_BLOCKS_SHARED float shared[{shared}];");
-    *text += "    if (PLACE >= (int)p.members[0]) return;
-    const unsigned member = p.members[1 + PLACE];
-    float *const state = p.states + member * p.state_size;
-    const float *const inputs = p.inputs + PLACE * p.input_size;
-    float *const outputs = p.outputs + PLACE * p.output_size;
-    float *const values = p.values + PLACE * p.value_size;
-    const unsigned *const run = p.runs + (u64)PLACE * p.run_size;
-    (void)state, (void)inputs, (void)outputs, (void)values, (void)run, (void)shared;\n";
+    *text += "    MEMBER\n";
     let mut first = 0;
     for part in parts {
         let end = first + part.blocks;
+        let addresses: Vec<&str> = part.parameters.iter().map(|(_, it)| it.as_str()).collect();
+        let (function, addresses) = (functions.name(part), addresses.join(", "));
         let _ = writeln!(text, "    if (BLOCK >= {first} && BLOCK < {end}) {{");
-        let _ = writeln!(text, "        const int block = BLOCK - {first};");
-        for line in part.text.lines() {
-            let _ = writeln!(text, "        {line}");
-        }
+        let _ = writeln!(text, "        {function}({addresses}, run, BLOCK - {first});");
         *text += "    }\n";
         first = end;
     }

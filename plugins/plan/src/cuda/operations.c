@@ -4,6 +4,9 @@
 #define CHAIN 512
 #define DEPTH 16
 
+// Numbers that the threads of a block share: two steps of both factors of a product, or the lanes of sums.
+OF_BLOCK float shared[2 * DEPTH * 2 * (128 + 4)];
+
 // Entry of the thread among `n`; threads beyond the last entry are done.
 #define ENTRY(i, n)                        \
     const int i = block * THREADS + thread; \
@@ -26,7 +29,7 @@ FUNCTION int named_column(float index, const int columns) {
 
 // Sums of blocks of 1024 entries: a block of threads sums eight of them with 32 lanes each.
 #define SUM_OF_BLOCKS(name, from, to, term)                                            \
-    FUNCTION void name(const from *x, const int n, to *sums, const int block, float *shared) { \
+    FUNCTION void name(const from *x, const int n, to *sums, const int block) { \
         to *const lanes = (to *)shared;                                                \
         EACH_THREAD {                                                                  \
             to lane = 0;                                                               \

@@ -11,12 +11,12 @@ use crate::updates::Update;
 use arithmetic::products::SUM_BLOCK;
 use std::fmt::Write;
 
-/// An operation as a text.
+/// An operation as the text of a function. Operations of one kind and shape share it.
 pub(super) struct Part {
     pub(super) blocks: usize,
     pub(super) text: String,
-    /// Entries of `f32` that the threads of a block share.
-    pub(super) shared: usize,
+    /// Parameters of the function, such as `const float *a`, and the addresses that it is called with.
+    pub(super) parameters: Vec<(String, String)>,
     pub(super) reads: Vec<usize>,
     pub(super) writes: Vec<usize>,
 }
@@ -47,34 +47,53 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Adds a text of one thread an entry, in which the first two memories are `a` and `b` and the result is `c`.
-    fn add_entries(&mut self, n: usize, reads: &[Value], result: Value, text: &str) {
-        let mut declarations = String::new();
-        for (name, value) in ["a", "b"].iter().zip(reads) {
-            let address = self.layout.address(value.0);
-            let _ = writeln!(declarations, "const float *const {name} = {address};");
-        }
-        let address = self.layout.address(result.0);
-        let _ = writeln!(declarations, "float *const c = {address};");
+    /// A parameter of entries that are read, by the name of a value.
+    fn read(&self, name: &str, value: Value) -> (String, String) {
+        (format!("const float *{name}"), self.layout.address(value.0))
+    }
+
+    /// A parameter of entries that are written.
+    fn written(&self, name: &str, value: Value) -> (String, String) {
+        (format!("float *{name}"), self.layout.address(value.0))
+    }
+
+    /// Adds a text of one thread an entry, in which the first two operands are `a` and `b` and the result is `c`.
+    fn add_entries(&mut self, n: usize, reads: &[Value], result: Value, text: &str) -> &mut Part {
+        let mut parameters = vec![self.written("c", result)];
+        parameters.extend(
+            ["a", "b"]
+                .iter()
+                .zip(reads)
+                .map(|(name, value)| self.read(name, *value)),
+        );
+        let at = self.parts.len();
         self.parts.push(Part {
             blocks: n.div_ceil(THREADS),
-            text: format!("{declarations}EACH_THREAD {{\n    ENTRY(i, {n})\n    {text}\n}}\n"),
-            shared: 0,
+            text: format!("EACH_THREAD {{\n    ENTRY(i, {n})\n    {text}\n}}\n"),
+            parameters,
             reads: reads.iter().map(|value| value.0).collect(),
             writes: vec![result.0],
         });
+        &mut self.parts[at]
     }
 
     fn add_loop(&mut self, entrywise: &Loop) {
         let [rows, columns] = entrywise.shape();
-        let mut text = String::new();
+        let operands = entrywise.operands(self.graph);
+        let of = |value: &Value| {
+            operands
+                .iter()
+                .position(|other| other == value)
+                .unwrap_or_default()
+        };
         let source = |source: &Source| match source {
             Source::Result(at) => format!("x{at}"),
-            Source::Whole(value) => format!("{}[i]", self.layout.address(value.0)),
-            Source::Repeated(value, [1, 1]) => format!("{}[0]", self.layout.address(value.0)),
-            Source::Repeated(value, [1, _]) => format!("{}[i % {columns}]", self.layout.address(value.0)),
-            Source::Repeated(value, _) => format!("{}[i / {columns}]", self.layout.address(value.0)),
+            Source::Whole(value) => format!("a{}[i]", of(value)),
+            Source::Repeated(value, [1, 1]) => format!("a{}[0]", of(value)),
+            Source::Repeated(value, [1, _]) => format!("a{}[i % {columns}]", of(value)),
+            Source::Repeated(value, _) => format!("a{}[i / {columns}]", of(value)),
         };
+        let mut text = String::new();
         for (at, operation) in entrywise.operations().iter().enumerate() {
             let expression = match operation {
                 Entrywise::Map(function, x) => {
@@ -85,19 +104,19 @@ impl Writer<'_> {
             };
             let _ = writeln!(text, "    const float x{at} = {expression};");
         }
-        for (at, value) in entrywise.kept() {
-            let _ = writeln!(text, "    {}[i] = x{at};", self.layout.address(value.0));
+        for (at, _) in entrywise.kept() {
+            let _ = writeln!(text, "    c{at}[i] = x{at};");
         }
         let n = rows * columns;
+        let reads = operands.iter().enumerate();
+        let reads = reads.map(|(at, value)| self.read(&format!("a{at}"), *value));
+        let results = entrywise.kept();
+        let results = results.map(|(at, value)| self.written(&format!("c{at}"), value));
         let part = Part {
             blocks: n.div_ceil(THREADS),
             text: format!("EACH_THREAD {{\n    ENTRY(i, {n})\n{text}}}\n"),
-            shared: 0,
-            reads: entrywise
-                .operands(self.graph)
-                .iter()
-                .map(|value| value.0)
-                .collect(),
+            parameters: reads.chain(results).collect(),
+            reads: operands.iter().map(|value| value.0).collect(),
             writes: entrywise.kept().map(|(_, value)| value.0).collect(),
         };
         self.parts.push(part);
@@ -120,7 +139,7 @@ impl Writer<'_> {
             Operation::Product { transposed } => return self.add_product(value, *transposed, None),
             Operation::Sum => return self.add_sum(value),
             Operation::ClipScale { largest } => return self.add_clip_scale(value, *largest),
-            Operation::Join => self.joined(value),
+            Operation::Join => return self.add_join(value),
             Operation::Extension(extension) => {
                 return Err(NoKernel {
                     operation: extension.0.name(),
@@ -168,25 +187,30 @@ impl Writer<'_> {
         }
     }
 
-    fn joined(&self, value: Value) -> String {
+    fn add_join(&mut self, value: Value) -> Result<(), NoKernel> {
         let node = &self.graph.nodes[value.0];
-        let columns = node.shape[1];
+        let [rows, columns] = node.shape;
+        let operands = node.operands.clone();
         let mut text = format!("const int row = i / {columns}, column = i % {columns};\n    c[i] = ");
         let mut first = 0;
-        for (at, operand) in node.operands.iter().enumerate() {
+        for (at, operand) in operands.iter().enumerate() {
             let width = self.graph.shape(*operand)[1];
-            let entry = format!(
-                "{}[row * {width} + column - {first}]",
-                self.layout.address(operand.0)
-            );
+            let entry = format!("a{at}[row * {width} + column - {first}]");
             first += width;
-            let _ = if at + 1 == node.operands.len() {
+            let _ = if at + 1 == operands.len() {
                 write!(text, "{entry};")
             } else {
                 write!(text, "column < {first} ? {entry} : ")
             };
         }
-        text
+        let parts = operands.iter().enumerate();
+        let parts: Vec<_> = parts
+            .map(|(at, part)| self.read(&format!("a{at}"), *part))
+            .collect();
+        let part = self.add_entries(rows * columns, &[], value, &text);
+        part.parameters.extend(parts);
+        part.reads = operands.iter().map(|value| value.0).collect();
+        Ok(())
     }
 
     fn add_rows(&mut self, function: RowFunction, value: Value) -> Result<(), NoKernel> {
@@ -219,27 +243,24 @@ impl Writer<'_> {
         let node = &self.graph.nodes[value.0];
         let [rows, columns] = node.shape;
         let inner = self.graph.shape(node.operands[0])[usize::from(!turned[0])];
-        let (function, blocks, shared) = product_of(node.shape);
-        let address = |value: &Value| self.layout.address(value.0);
-        let bias = activation.map_or_else(|| "0".to_owned(), |_| address(&node.operands[2]));
+        let (function, blocks) = product_of(node.shape);
         let code = match activation.unwrap_or_default() {
             Activation::Identity => 0,
             Activation::Relu => 1,
             Activation::LeakyRelu => 2,
             Activation::Tanh => 3,
         };
-        let [a, b] = [0, 1].map(|at| address(&node.operands[at]));
-        let turned = turned.map(u8::from);
-        let text = format!(
-            "{function}({a}, {b}, {}, {bias}, {code}, {rows}, {columns}, {inner}, {}, {}, block, shared);\n",
-            address(&value),
-            turned[0],
-            turned[1]
-        );
+        let bias = if activation.is_some() { "bias" } else { "0" };
+        let [a_turned, b_turned] = turned.map(u8::from);
+        let names = ["a", "b", "bias"].iter().zip(&node.operands);
+        let mut parameters: Vec<_> = names.map(|(name, value)| self.read(name, *value)).collect();
+        parameters.push(self.written("c", value));
         self.parts.push(Part {
             blocks,
-            text,
-            shared,
+            text: format!(
+                "{function}(a, b, c, {bias}, {code}, {rows}, {columns}, {inner}, {a_turned}, {b_turned}, block);\n"
+            ),
+            parameters,
             reads: node.operands.iter().map(|value| value.0).collect(),
             writes: vec![value.0],
         });
@@ -276,17 +297,18 @@ impl Writer<'_> {
             };
             let [source, target] = [from, to].map(|cell| self.layout.address(cell));
             let read = if function.starts_with("wide") {
-                "const double"
+                "double"
             } else {
-                "const float"
+                "float"
             };
             let written = if is_wide { "double" } else { "float" };
             self.parts.push(Part {
                 blocks: sums.div_ceil(THREADS / 32),
-                text: format!(
-                    "{function}(({read} *){source}, {left}, ({written} *){target}, block, shared);\n"
-                ),
-                shared: THREADS * if is_wide { 2 } else { 1 },
+                text: format!("{function}(a, {left}, c, block);\n"),
+                parameters: vec![
+                    (format!("const {read} *a"), format!("(const {read} *){source}")),
+                    (format!("{written} *c"), format!("({written} *){target}")),
+                ],
                 reads: vec![from],
                 writes: vec![to],
             });
@@ -305,48 +327,48 @@ impl Writer<'_> {
             squares.push(self.add_sums(functions, operand.0, rows * columns, None));
         }
         let mut text = String::from("double squares = 0.0;\n");
-        for cell in &squares {
-            let _ = writeln!(
-                text,
-                "    squares += *(const double *){};",
-                self.layout.address(*cell)
-            );
+        for at in 0..squares.len() {
+            let _ = writeln!(text, "    squares += *a{at};");
         }
         text += "    const double norm = sqrt(squares);\n";
         let _ = write!(
             text,
             "    c[i] = norm > {largest:?} ? (float)({largest:?} / norm) : 1.0f;"
         );
-        self.add_entries(1, &[], value, &text);
-        if let Some(part) = self.parts.last_mut() {
-            part.reads = squares;
-        }
+        let address = |(at, cell): (usize, &usize)| {
+            let address = format!("(const double *){}", self.layout.address(*cell));
+            (format!("const double *a{at}"), address)
+        };
+        let sums: Vec<_> = squares.iter().enumerate().map(address).collect();
+        let part = self.add_entries(1, &[], value, &text);
+        part.parameters.extend(sums);
+        part.reads = squares;
         Ok(())
     }
 
     fn add_update(&mut self, update: &Update) {
         let target = update.target();
         let [rows, columns] = self.graph.shape(target);
-        let (text, moments) = match update {
-            Update::Adam {
-                moments, settings, ..
-            } => {
-                let rate = 2 + 2 * self.n_descents;
-                self.n_descents += 1;
-                let [first, second] = moments.map(|moment| self.layout.address(moment.0));
+        let text = match update {
+            Update::Adam { settings, .. } => {
                 let [beta_1, beta_2] = settings.betas.map(single);
-                let rates = format!("float_of(run[{rate}]), float_of(run[{}])", rate + 1);
-                let text =
-                    format!("descend(c + i, a[i], {first} + i, {second} + i, {rates}, {beta_1}, {beta_2});");
-                (text, moments.to_vec())
+                let rates = "float_of(rates[0]), float_of(rates[1])";
+                format!("descend(c + i, a[i], first + i, second + i, {rates}, {beta_1}, {beta_2});")
             }
-            Update::Follow { tau, .. } => (format!("c[i] += {} * (a[i] - c[i]);", single(*tau)), Vec::new()),
-            Update::Assign { .. } => ("c[i] = a[i];".to_owned(), Vec::new()),
+            Update::Follow { tau, .. } => format!("c[i] += {} * (a[i] - c[i]);", single(*tau)),
+            Update::Assign { .. } => "c[i] = a[i];".to_owned(),
         };
-        self.add_entries(rows * columns, &[update.source()], target, &text);
-        if let Some(part) = self.parts.last_mut() {
-            part.writes.extend(moments.iter().map(|moment| moment.0));
+        let moments = update.moments();
+        let names = ["first", "second"].iter().zip(&moments);
+        let mut parameters: Vec<_> = names.map(|(name, value)| self.written(name, *value)).collect();
+        if let Update::Adam { .. } = update {
+            let rates = format!("(run + {})", 2 + 2 * self.n_descents);
+            parameters.push(("const unsigned *rates".to_owned(), rates));
+            self.n_descents += 1;
         }
+        let part = self.add_entries(rows * columns, &[update.source()], target, &text);
+        part.parameters.extend(parameters);
+        part.writes.extend(moments.iter().map(|moment| moment.0));
     }
 }
 

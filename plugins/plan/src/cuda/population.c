@@ -13,3 +13,12 @@ typedef struct {
     u64 state_size, input_size, output_size, value_size;
     unsigned run_size;
 } Population;
+
+// The member at the place of a block, and its memory.
+#define MEMBER                                                         \
+    if (PLACE >= (int)p.members[0]) return;                            \
+    float *const state = p.states + p.members[1 + PLACE] * p.state_size; \
+    const float *const inputs = p.inputs + PLACE * p.input_size;       \
+    float *const outputs = p.outputs + PLACE * p.output_size;          \
+    float *const values = p.values + PLACE * p.value_size;             \
+    const unsigned *const run = p.runs + PLACE * (u64)p.run_size;

@@ -52,7 +52,7 @@
 
 FUNCTION void PRODUCT(const float *a, const float *b, float *c, const float *bias, const int activation,
                       const int rows, const int columns, const int inner, const int a_turned, const int b_turned,
-                      const int block, float *shared) {
+                      const int block) {
     float chain[KEPT][OWN_ROWS][OWN_COLUMNS], sum[KEPT][OWN_ROWS][OWN_COLUMNS];
     float next_a[KEPT][FETCHED_A], next_b[KEPT][FETCHED_B];
     float *const tiles_a = shared, *const tiles_b = shared + 2 * DEPTH * STRIDE_A;

@@ -5,9 +5,6 @@ use std::fmt::Write;
 
 const PRODUCT: &str = include_str!("product.c");
 
-/// Values of `k` that a step of a product brings to all threads of a block; `DEPTH` of `operations.c`.
-const DEPTH: usize = 16;
-
 /// A tile `[rows, columns]`, cut among `tall` by `wide` threads.
 struct Tile {
     name: &'static str,
@@ -72,8 +69,8 @@ impl Tile {
     }
 }
 
-/// The function that computes a product of a shape, its blocks, and the entries that a block shares.
-pub(super) fn product_of(shape: [usize; 2]) -> (&'static str, usize, usize) {
+/// The function that computes a product of a shape, and its blocks.
+pub(super) fn product_of(shape: [usize; 2]) -> (&'static str, usize) {
     let faster = |best, tile| {
         if Tile::time(tile, shape) < Tile::time(best, shape) {
             tile
@@ -82,9 +79,7 @@ pub(super) fn product_of(shape: [usize; 2]) -> (&'static str, usize, usize) {
         }
     };
     let tile = TILES.iter().fold(&TILES[0], faster);
-    // Entries of a row and of a column are padded, so that threads read from different banks.
-    let shared = 2 * DEPTH * (tile.rows + 4 + tile.columns + 4);
-    (tile.name, tile.blocks(shape), shared)
+    (tile.name, tile.blocks(shape))
 }
 
 /// The product of every size of tile.
