@@ -1,5 +1,5 @@
 //! The parts of the program: the engine's protocols, the environments, those in Python, the agents, programs as agents,
-//! the estimators and the generators, in one registry.
+//! the estimators, the generators and the card, in one registry.
 
 use contract::{Build, Registry};
 
@@ -21,5 +21,6 @@ pub fn registry() -> Registry {
     generators::register(&mut registry);
     programs::register(&mut registry);
     python::register(&mut registry);
+    card::register(&mut registry);
     registry
 }

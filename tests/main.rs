@@ -16,6 +16,7 @@ mod crashes;
 mod cross_play;
 mod datasets;
 mod describe;
+mod devices;
 mod disk;
 mod drawings;
 mod end_states;

@@ -146,6 +146,12 @@ pub enum Error {
     /// A dataset was to be made of an environment without seats.
     #[error("a dataset holds what seats saw and did; this environment has none")]
     NoSeats,
+    /// A device on which learners compute cannot be used, or was lost while a trial ran: no fault of the trial.
+    #[error("{problem}")]
+    Device {
+        /// What is wrong, as a sentence without its full stop.
+        problem: String,
+    },
     /// A process that computes for the trial was ended from outside: no fault of the trial.
     #[error("{what} was ended by signal {signal}")]
     Ended {

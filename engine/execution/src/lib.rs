@@ -3,6 +3,7 @@
 //! Only [`world`] names files, clocks and processes; tests of crashes and power losses replace it by a
 //! simulated machine.
 
+pub mod device;
 pub mod executor;
 pub mod footprint;
 pub mod guard;

@@ -10,6 +10,8 @@ pub struct RunOptions {
     pub jobs: Option<usize>,
     /// Name of the executor; that of the machine where absent.
     pub executor: Option<String>,
+    /// Name of the device of learners; that of the machine where absent.
+    pub device: Option<String>,
     /// With a queue: leave after the submission.
     pub detach: bool,
     /// Run failed trials again.

@@ -5,7 +5,10 @@ use crate::{
     seen, submit::Submitting,
 };
 use contract::Registry;
-use execution::executor::{self, ExecutorKind, Way};
+use execution::{
+    device::{self, Server},
+    executor::{self, ExecutorKind, Way},
+};
 
 /// The outcome of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,9 +40,10 @@ impl Session<'_> {
             ..Compute::of(self, options.jobs.unwrap_or(self.settings.workers))
         };
         let kind = place(&mut how, planned, options)?;
+        let is_here = kind.is_none() && how.hosts.all.is_empty();
+        open_device(&mut how, options.device.as_deref(), options.jobs, is_here)?;
         seen::fix(self, planned, store)?;
         // Programs start where the trials do.
-        let is_here = kind.is_none() && how.hosts.all.is_empty();
         let candidates = match is_here && !options.no_rehearsal {
             true => rehearse::candidates(self.registry, planned, store),
             false => Vec::new(),
@@ -90,12 +94,13 @@ impl Session<'_> {
     /// # Errors
     /// Trials that do not fit the machine, and a store that cannot be written.
     pub fn work(&self, planned: &mut [Planned], options: &WorkerOptions) -> Result<Exit, Failure> {
-        let how = Compute {
+        let mut how = Compute {
             limits: options.limits.clone(),
             fail_fast: options.fail_fast,
             whole: false,
             ..Compute::of(self, options.jobs)
         };
+        open_device(&mut how, None, Some(options.jobs), true)?;
         seen::fix(self, planned, self.store()?)?;
         let (part, parts) = options.part;
         let mut exit = Exit::Ok;
@@ -107,6 +112,47 @@ impl Session<'_> {
             }
         }
     }
+}
+
+/// Worker processes of a run with a device, for each core: while the device computes for one, the environment of
+/// another goes on.
+const WORKERS_OF_A_CORE: usize = 8;
+
+/// Opens the device of learners, where one is wanted: on every card of this machine, where it has cards.
+fn open_device(
+    how: &mut Compute<'_>,
+    name: Option<&str>,
+    jobs: Option<usize>,
+    is_here: bool,
+) -> Result<(), Failure> {
+    let settings = &how.session.settings;
+    let name = name.unwrap_or(&settings.device);
+    if name == device::PROCESSOR {
+        return Ok(());
+    }
+    let kind = device::find(how.session.registry, name)?;
+    if !is_here {
+        return Err(Failure::refusal(format!(
+            "`{name}` is a device of this machine, and an executor computes the trials on others: leave one of both out"
+        )));
+    }
+    let start = |card: Option<&str>| {
+        Server::start(kind, card).map_err(|error| {
+            let on_cores = format!("without `--device {name}` the trials run on cores, with the same bits");
+            Failure::refusal(format!("--device {name}: {error}; {on_cores}"))
+        })
+    };
+    how.devices = match &settings.gpus[..] {
+        [] => vec![start(None)?],
+        cards => cards
+            .iter()
+            .map(|card| start(Some(card)))
+            .collect::<Result<_, _>>()?,
+    };
+    if jobs.is_none() {
+        how.workers *= WORKERS_OF_A_CORE;
+    }
+    Ok(())
 }
 
 /// The queue that trials are handed to, where there is one; hosts are reached, and are then those of `how`.

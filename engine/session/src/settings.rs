@@ -8,6 +8,7 @@
 //! checkpoint_every_s = 60     # time between two checkpoints of a trial
 //! lease_expiry_s = 30         # when leases of silent machines count as dead
 //! executor = "local"          # or "slurm"
+//! device = "processor"        # or "cuda": learners of many trials compute on a card at once
 //!
 //! [slurm]                     # how workers are asked for: each executor of `regimen list` has a table of
 //! its name time = "4:00:00"
@@ -28,6 +29,7 @@ use crate::{Failure, MachineOptions};
 use contract::Registry;
 use document::reach;
 use execution::{
+    device::PROCESSOR,
     executor::{self, Executor, ExecutorKind, LOCAL},
     limits::Limits,
     store::{Bucket, LONGEST_EXPIRY, Store},
@@ -67,6 +69,8 @@ pub struct Settings {
     pub limits: Limits,
     /// Name of what runs the missing trials.
     pub executor: String,
+    /// Name of the device on which learners compute.
+    pub device: String,
     /// The options of every executor, by its name.
     executors: Tables,
 }
@@ -86,6 +90,7 @@ struct ProfileTable {
     lease_expiry_s: Option<f64>,
     limits: Option<Limits>,
     executor: Option<Spanned<String>>,
+    device: Option<String>,
 }
 
 /// Graphics cards for trials.
@@ -263,6 +268,7 @@ fn combine(
         lease_expiry: some_time("lease_expiry_s", lease_expiry_s)?,
         limits: profile.limits.or(top.limits).unwrap_or_default(),
         executor: executor.map_or_else(|| LOCAL.into(), Spanned::into_inner),
+        device: profile.device.or(top.device).unwrap_or_else(|| PROCESSOR.into()),
         executors,
     };
     // Worker processes are told where it is, in JSON.

@@ -3,10 +3,11 @@
 use crate::Failure;
 use contract::{Registry, panics};
 use document::{input_file, reach};
-use execution::{guard, scheduler};
+use execution::{device, guard, scheduler};
 use std::process::ExitCode;
 
-/// Serves where this process was started by a run: as the guard of a program, or as a worker that computes trials. A
+/// Serves where this process was started by a run: as the guard of a program, as the process of a device, or as a worker
+/// that computes trials. A
 /// program that opens a session asks this first, since a run starts the program itself again, once a core.
 ///
 /// `None` where a person started it.
@@ -15,14 +16,21 @@ use std::process::ExitCode;
 /// A run that cannot be heard or answered any more.
 #[expect(
     clippy::disallowed_methods,
-    reason = "the run says by a variable how large files may be, as it was told"
+    reason = "the run says by variables how large files may be, and where its device is"
 )]
 pub fn serve_if_asked(registry: impl FnOnce() -> Registry) -> Option<Result<ExitCode, Failure>> {
     // Once for every trial of a program, before anything is built.
     if let Some(code) = guard::serve_if_asked() {
         return Some(Ok(code));
     }
-    if std::env::args_os().nth(1)? != scheduler::WORKER {
+    let mut arguments = std::env::args_os().skip(1);
+    let word = arguments.next()?;
+    if word == device::SERVER {
+        let name = arguments.next().unwrap_or_default();
+        let served = device::serve(&registry(), &name.to_string_lossy(), std::io::stdin());
+        return Some(served.map(|()| ExitCode::SUCCESS).map_err(Failure::from));
+    }
+    if word != scheduler::WORKER {
         return None;
     }
     panics::print_no_caught_ones();
@@ -32,6 +40,12 @@ pub fn serve_if_asked(registry: impl FnOnce() -> Registry) -> Option<Result<Exit
         .for_each(input_file::allow);
     reach::quote_nothing();
     let input = std::io::BufReader::new(std::io::stdin());
-    let served = scheduler::serve(&registry(), input, std::io::stdout());
+    let registry = registry();
+    let device = std::env::var(device::VARIABLE).ok();
+    let device = device
+        .map(|address| device::connect(&registry, &address))
+        .transpose();
+    let served =
+        device.and_then(|device| scheduler::serve(&registry, device.as_deref(), input, std::io::stdout()));
     Some(served.map(|()| ExitCode::SUCCESS).map_err(Failure::from))
 }

@@ -11,15 +11,19 @@
 //! | [`cohort`] | members whose states have one shape, and their memory |
 //! | [`population`] | the thread that makes batches of requests |
 //! | [`socket`] | requests of other processes |
+//! | [`device`] | the card as a device of the engine |
 //! | [`cuda`] | NVIDIA's cards |
 //! | [`literal`] | a processor that runs the text of the kernels, for tests |
 
 pub mod backend;
 pub mod cohort;
 pub mod cuda;
+pub mod device;
 pub mod literal;
 pub mod population;
 pub mod socket;
+
+pub use device::register;
 
 #[cfg(test)]
 mod tests;

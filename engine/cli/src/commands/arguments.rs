@@ -101,6 +101,10 @@ pub(super) struct RunArgs {
     /// Executor that runs the trials; `executor` in regimen.toml, else this machine.
     #[arg(long, value_name = "NAME")]
     pub(super) executor: Option<String>,
+    /// Device on which learners compute: `cuda`, many trials at a time on a card, or `processor`; `device` in
+    /// regimen.toml, else the processor.
+    #[arg(long, value_name = "NAME")]
+    pub(super) device: Option<String>,
     /// With a queue: leave after the submission; a later `run` follows it.
     #[arg(long)]
     pub(super) detach: bool,

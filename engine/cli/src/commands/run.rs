@@ -38,6 +38,7 @@ impl RunArgs {
         RunOptions {
             jobs: self.jobs,
             executor: self.executor.clone(),
+            device: self.device.clone(),
             detach: self.detach,
             retry_failed: self.retry_failed,
             no_rehearsal: self.no_rehearsal,

@@ -197,6 +197,7 @@ fn one_core() -> Capacity {
 fn workers() -> Workers {
     Workers {
         hosts: super::hosts::Hosts::default(),
+        devices: Vec::new(),
         capacity: one_core(),
         stop: Arc::default(),
         fail_fast: false,
@@ -229,7 +230,7 @@ impl Runner for InThreadRunner<'_> {
             last: quietly(clock::now),
         };
         let reply = worker::run(
-            &self.bench.registry,
+            (&self.bench.registry, None),
             &request,
             &worker::Stops::default(),
             &mut replies,

@@ -181,6 +181,9 @@ pub struct Workers {
     pub capacity: Capacity,
     /// Hosts that run the trials instead of this machine, if any.
     pub hosts: hosts::Hosts,
+    /// The devices of the worker processes here, which take turns, as
+    /// [`device::VARIABLE`](crate::device::VARIABLE) has each; empty where learners compute in these processes.
+    pub devices: Vec<String>,
     /// Set from outside to stop: no new trial starts, and running ones save a checkpoint and leave.
     pub stop: Arc<AtomicBool>,
     /// Whether to stop at the first trial that does not end `ok`.
@@ -235,7 +238,7 @@ pub fn run(
                 };
                 let (machine, child) = (places[number], &children[number]);
                 let runner: Box<dyn slot::Runner + Send> = match workers.hosts.all.get(machine) {
-                    None => Box::new(process::Worker::new(&program, child)),
+                    None => Box::new(process::Worker::new(&program, device_of(workers, number), child)),
                     Some(host) => Box::new(hosts::Remote::new(host, store, child)),
                 };
                 let mut slot = slot::Slot::new((number, machine), shared, runner, events);
@@ -262,6 +265,12 @@ pub fn run(
         watcher.thread().unpark();
         outcome
     })
+}
+
+/// The device of a slot. Devices take turns.
+fn device_of(workers: &Workers, slot: usize) -> Option<&str> {
+    let devices = workers.devices.iter().map(String::as_str);
+    devices.cycle().nth(slot % workers.devices.len().max(1))
 }
 
 /// The capacity of each machine: of the hosts, or of this one.

@@ -6,6 +6,7 @@ use super::{
     worker::{Message, Reply, Request},
 };
 use crate::{
+    device,
     footprint::{exceeded, family},
     limits::Limits,
     world::{
@@ -28,15 +29,17 @@ const TOLD: Duration = Duration::from_millis(300);
 /// Runs the trials of one slot in a process, which is replaced when it dies.
 pub(super) struct Worker<'a> {
     program: &'a Path,
+    device: Option<&'a str>,
     process: &'a WorkerProcess,
     replies: Option<Replies>,
 }
 
 impl<'a> Worker<'a> {
-    /// A worker without a process yet; `program` will be started.
-    pub(super) fn new(program: &'a Path, process: &'a WorkerProcess) -> Self {
+    /// A worker without a process yet; `program` will be started, with a device for its learners.
+    pub(super) fn new(program: &'a Path, device: Option<&'a str>, process: &'a WorkerProcess) -> Self {
         Self {
             program,
+            device,
             process,
             replies: None,
         }
@@ -56,7 +59,7 @@ impl Runner for Worker<'_> {
         })?;
         let mut replies = match self.replies.take() {
             Some(replies) => replies,
-            None => self.process.start(&mut worker(self.program), None)?,
+            None => self.process.start(&mut worker(self.program, self.device), None)?,
         };
         self.process.begin(&message, limits);
         let Some(reply) = listen(&mut replies, progress) else {
@@ -89,11 +92,12 @@ impl Runner for Worker<'_> {
 }
 
 /// The command of a worker process.
-fn worker(program: &Path) -> Command {
+fn worker(program: &Path, device: Option<&str>) -> Command {
     let mut command = Command::new(program);
     command
         .arg(super::WORKER)
-        .envs(input_file::asked().map(|size| (input_file::VARIABLE, size.to_string())));
+        .envs(input_file::asked().map(|size| (input_file::VARIABLE, size.to_string())))
+        .envs(device.map(|address| (device::VARIABLE, address)));
     command
 }
 

@@ -392,6 +392,7 @@ impl<'a, R: Runner> Slot<'a, R> {
             Answer::Said(Reply::Paused) => Ok(AttemptOutcome::Paused),
             Answer::Said(Reply::Unready { reason }) => Ok(AttemptOutcome::Unready(reason)),
             Answer::Said(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
+            Answer::Said(Reply::DeviceLost { problem }) => Err(Error::Device { problem }),
             Answer::Said(Reply::Stopped | Reply::Progress { .. }) => Ok(AttemptOutcome::Stopped),
             Answer::Died { by_limit: false, .. } if self.is_stopped_too() => Ok(AttemptOutcome::Stopped),
             Answer::Died { state, reason, .. } => {

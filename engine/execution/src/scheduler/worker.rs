@@ -1,6 +1,7 @@
 //! The inside of a worker process, which runs one trial for each line of input.
 
 use crate::{
+    device::Device,
     store::{RunningTrial, Store},
     world::{clock, fs},
 };
@@ -78,6 +79,11 @@ pub enum Reply {
         /// The source, and its problem.
         reason: String,
     },
+    /// The device on which the trial's learners compute is lost; the trial stays missing.
+    DeviceLost {
+        /// What is wrong.
+        problem: String,
+    },
     /// The store cannot be written; the trial stays missing.
     StoreRefused {
         /// The failed operation and the error of the system.
@@ -94,6 +100,7 @@ pub enum Reply {
 /// [`Error::Worker`] where the other side is gone.
 pub fn serve(
     registry: &Registry,
+    device: Option<&dyn Device>,
     input: impl BufRead + Send + 'static,
     mut replies: impl Write,
 ) -> Result<(), Error> {
@@ -106,7 +113,7 @@ pub fn serve(
         std::process::exit(0);
     });
     while let Ok(request) = requests.recv() {
-        let reply = run(registry, &request, &stops, &mut replies);
+        let reply = run((registry, device), &request, &stops, &mut replies);
         let panicked = matches!(&reply, Reply::Ended { end } if end.state == EndState::Panicked);
         let last = panicked || matches!(reply, Reply::Stopped) && stops.signalled.load(Ordering::SeqCst);
         say(&mut replies, &reply)?;
@@ -166,12 +173,18 @@ impl Stops {
 }
 
 /// Runs a trial and reports its end.
-pub(super) fn run(registry: &Registry, request: &Request, stops: &Stops, replies: &mut impl Write) -> Reply {
-    match attempt(registry, request, stops, replies) {
+pub(super) fn run(
+    parts: (&Registry, Option<&dyn Device>),
+    request: &Request,
+    stops: &Stops,
+    replies: &mut impl Write,
+) -> Reply {
+    match attempt(parts, request, stops, replies) {
         Ok(reply) => reply,
         Err(error @ Error::Source { .. }) => Reply::Unready {
             reason: error.to_string(),
         },
+        Err(Error::Device { problem }) => Reply::DeviceLost { problem },
         Err(Error::Store { problem }) => Reply::StoreRefused { problem },
         Err(error) => Reply::StoreRefused {
             problem: error.to_string(),
@@ -182,7 +195,7 @@ pub(super) fn run(registry: &Registry, request: &Request, stops: &Stops, replies
 /// Runs the trial and stores its end, or its record at the pause; an error concerns the store or an artifact
 /// in it.
 fn attempt(
-    registry: &Registry,
+    (registry, device): (&Registry, Option<&dyn Device>),
     request: &Request,
     stops: &Stops,
     replies: &mut impl Write,
@@ -208,7 +221,7 @@ fn attempt(
         .until(request.until)
         .patient(patience.and_then(Result::ok))
         .sharing(request.share.clone());
-    let outcome = panics::caught(|| {
+    let mut run = || {
         trial.key.run_after(
             registry,
             &|taken| store.artifact(taken),
@@ -216,6 +229,14 @@ fn attempt(
             &mut progress,
             &mut keeper,
         )
+    };
+    let outcome = panics::caught(|| match device {
+        None => run(),
+        Some(device) => {
+            let mut outcome = None;
+            device.during(&mut || outcome = Some(run()))?;
+            outcome.unwrap_or(Err(Error::Stopped))
+        }
     });
     answered(&store, trial, &keeper, outcome, stops)
 }
@@ -250,7 +271,9 @@ fn answered(
             store.keep_partial(trial, end(EndState::Paused, ""), record)?;
             return Ok(Reply::Paused);
         }
-        Ok(Err(error @ (Error::Store { .. } | Error::Source { .. }))) => return Err(error),
+        Ok(Err(error @ (Error::Store { .. } | Error::Source { .. } | Error::Device { .. }))) => {
+            return Err(error);
+        }
         Ok(Err(error @ Error::NotFinite { .. })) => {
             let end = end(EndState::Nan, &error.to_string());
             // Searches compare a failed trial with others up to its last finite measurement.

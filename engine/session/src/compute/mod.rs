@@ -13,6 +13,7 @@ use contract::{
 };
 use document::count::{count, either};
 use execution::{
+    device::Server,
     limits::Limits,
     pace::Paces,
     scheduler::{self, Event, Task, Workers, hosts::Hosts},
@@ -39,6 +40,8 @@ pub(crate) struct Compute<'a> {
     pub(crate) workers: usize,
     /// The hosts that run trials instead of this machine; empty where there are none.
     pub(crate) hosts: Hosts,
+    /// The devices of learners; none where they compute in the worker processes.
+    pub(crate) devices: Vec<Server>,
     /// Whether trials that ended otherwise than `ok` run again.
     pub(crate) retry_failed: bool,
     /// Whether this is the whole command and not a part of one: it looks at what is stored before, and waits
@@ -78,6 +81,7 @@ impl<'a> Compute<'a> {
             fail_fast: false,
             workers,
             hosts: Hosts::default(),
+            devices: Vec::new(),
             retry_failed: false,
             whole: true,
         }
@@ -155,8 +159,10 @@ impl Compute<'_> {
             0 => String::new(),
             hosts => format!(" of {}", count(hosts, "host")),
         };
+        let devices = self.devices.iter().map(|it| format!(" and {}", it.opened.device));
+        let with_devices: String = devices.collect();
         format!(
-            "{processes} worker {}{of_hosts}",
+            "{processes} worker {}{of_hosts}{with_devices}",
             either(&processes, "process", "processes")
         )
     }
@@ -262,6 +268,7 @@ impl Compute<'_> {
                 gpus: self.session.settings.gpus.clone(),
             },
             hosts: self.hosts.clone(),
+            devices: self.devices.iter().map(Server::address).collect(),
             stop: Arc::clone(stop),
             fail_fast: self.fail_fast,
             wait_for_others: self.whole,

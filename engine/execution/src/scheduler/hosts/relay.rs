@@ -119,7 +119,7 @@ impl Relay {
             std::process::exit(0);
         });
         self.watch();
-        let mut runner = Worker::new(&self.program, &self.process);
+        let mut runner = Worker::new(&self.program, None, &self.process);
         while let Ok(message) = heard.recv() {
             self.answer(message, &mut runner, &output)?;
         }
@@ -226,7 +226,9 @@ impl Relay {
     fn tell(&self, id: &str, answer: Result<Answer, Error>, output: &Output) -> Result<(), Error> {
         let has_ended = matches!(&answer, Ok(Answer::Said(Reply::Ended { .. })));
         let line = match answer {
-            Ok(Answer::Said(Reply::StoreRefused { problem })) => FromHost::Refused(problem),
+            Ok(Answer::Said(Reply::StoreRefused { problem } | Reply::DeviceLost { problem })) => {
+                FromHost::Refused(problem)
+            }
             Ok(Answer::Said(reply)) => FromHost::Said(reply),
             Ok(Answer::Died {
                 state,
