@@ -58,10 +58,14 @@ impl Backend for ShortLived {
         self.0.read(cohort, member, entries)
     }
 
-    fn run(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<Vec<f32>, Lost> {
+    fn start(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<(), Lost> {
         self.1 = self.1.checked_sub(1).ok_or_else(|| Lost {
             reason: "the card is lost: it fell off the bus".into(),
         })?;
-        self.0.run(cohort, routine, batch)
+        self.0.start(cohort, routine, batch)
+    }
+
+    fn finish(&mut self) -> Result<Vec<f32>, Lost> {
+        self.0.finish()
     }
 }

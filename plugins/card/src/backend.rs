@@ -24,9 +24,15 @@ pub trait Backend {
     /// [`Lost`] where the device fails.
     fn read(&mut self, cohort: usize, member: u32, entries: Range<usize>) -> Result<Vec<f32>, Lost>;
 
-    /// Runs a batch of members of a cohort; returns the outputs of each run. Equal `routine`s have equal kernels.
+    /// Begins a batch of members of a cohort. Equal `routine`s have equal kernels. Another batch may still run.
     ///
     /// # Errors
     /// [`Lost`] where the device fails or memory is short.
-    fn run(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<Vec<f32>, Lost>;
+    fn start(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<(), Lost>;
+
+    /// Waits for the batch that was begun first of those that run, at most two; returns the outputs of each run.
+    ///
+    /// # Errors
+    /// [`Lost`] where the device fails.
+    fn finish(&mut self) -> Result<Vec<f32>, Lost>;
 }

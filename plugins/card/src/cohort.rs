@@ -72,6 +72,12 @@ impl Cohort {
         self.state_size
     }
 
+    /// Members that are there.
+    #[must_use]
+    pub fn n_members(&self) -> usize {
+        self.n_members as usize - self.free.len()
+    }
+
     /// Members that have a place, those that have left included.
     #[must_use]
     pub fn n_places(&self) -> usize {

@@ -3,15 +3,15 @@
 #![allow(unsafe_code, reason = "the card computes on addresses")]
 
 use crate::backend::Backend;
-use cudarc::driver::sys::{CUgraphInstantiate_flags, CUstreamCaptureMode};
+use cudarc::driver::sys::{CU_MEMHOSTALLOC_WRITECOMBINED, CUgraphInstantiate_flags, CUstreamCaptureMode};
 use cudarc::driver::{
-    CudaContext, CudaFunction, CudaGraph, CudaSlice, CudaStream, DevicePtr, DeviceRepr, DriverError,
-    LaunchConfig, PushKernelArg, ValidAsZeroBits,
+    CudaContext, CudaEvent, CudaFunction, CudaGraph, CudaSlice, CudaStream, DevicePtr, DeviceRepr,
+    DriverError, LaunchConfig, PinnedHostSlice, PushKernelArg, ValidAsZeroBits,
 };
 use cudarc::nvrtc::{CompileError, CompileOptions, Ptx, compile_ptx_with_opts};
 use plan::cuda::{Batch, Kernels, THREADS, size};
 use plan::executor::Lost;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -86,20 +86,25 @@ pub struct Card {
     routines: BTreeMap<usize, LoadedRoutine>,
     /// Values of the routine that runs.
     values: Option<CudaSlice<f32>>,
+    flights: VecDeque<Flight>,
+    /// Buffers of the next batch.
+    turn: usize,
 }
 
-/// A routine on the card, with memory for as many runs as its largest batch had.
+/// A routine on the card.
 struct LoadedRoutine {
     waves: Vec<(CudaFunction, u32)>,
     constants: CudaSlice<f32>,
-    buffers: Option<Buffers>,
-    /// The launches for a cohort and a number of runs, with the addresses for which they were recorded.
-    graphs: BTreeMap<(usize, u32), (Addresses, CudaGraph)>,
+    /// Memory of the batches that run, which take turns.
+    buffers: [Option<Buffers>; 2],
+    /// The launches for a number of runs on one of the buffers, with the addresses for which they were recorded.
+    graphs: BTreeMap<(usize, usize, u32), (Addresses, CudaGraph)>,
 }
 
 /// Addresses that launches hold.
 type Addresses = [u64; 6];
 
+/// Memory for a number of runs, on the card and, where it is copied, here.
 struct Buffers {
     n_runs: usize,
     inputs: CudaSlice<f32>,
@@ -107,6 +112,17 @@ struct Buffers {
     tensors: CudaSlice<u32>,
     members: CudaSlice<u32>,
     runs: CudaSlice<u32>,
+    inputs_here: PinnedHostSlice<f32>,
+    outputs_here: PinnedHostSlice<f32>,
+}
+
+/// A batch that runs.
+struct Flight {
+    routine: usize,
+    turn: usize,
+    /// Entries of its outputs.
+    length: usize,
+    done: CudaEvent,
 }
 
 /// A sentence for an error of the driver.
@@ -155,12 +171,16 @@ impl Card {
             let reason = format!("the driver is too old: it knows CUDA {found}, and {oldest} is needed");
             return Err(Lost { reason });
         }
+        // SAFETY: one thread uses one stream, in which everything has its order.
+        unsafe { context.disable_event_tracking() };
         let stream = context.new_stream().map_err(lost)?;
         Ok(Self {
             stream,
             states: BTreeMap::new(),
             routines: BTreeMap::new(),
             values: None,
+            flights: VecDeque::new(),
+            turn: 0,
         })
     }
 
@@ -205,7 +225,7 @@ impl Card {
         let loaded = LoadedRoutine {
             waves,
             constants,
-            buffers: None,
+            buffers: [None, None],
             graphs: BTreeMap::new(),
         };
         self.routines.insert(routine, loaded);
@@ -213,29 +233,40 @@ impl Card {
     }
 
     fn buffers(&self, kernels: &Kernels, n_runs: usize) -> Result<Buffers, Lost> {
+        let [inputs, outputs] = [&kernels.inputs, &kernels.outputs].map(|spans| n_runs * size(spans));
+        let context = self.stream.context();
+        // SAFETY: the entries are written before the card or anybody else reads them.
+        let pinned = |length: usize, flags| {
+            unsafe { context.alloc_pinned_with_flags(length.max(1), flags) }.map_err(lost)
+        };
         Ok(Buffers {
             n_runs,
-            inputs: self.zeros(n_runs * size(&kernels.inputs))?,
-            outputs: self.zeros(n_runs * size(&kernels.outputs))?,
+            inputs: self.zeros(inputs)?,
+            outputs: self.zeros(outputs)?,
             tensors: self.zeros(kernels.tensors.len())?,
             members: self.zeros(1 + n_runs)?,
             runs: self.zeros(n_runs * kernels.run_size())?,
+            // Such memory is fast to write and slow to read here.
+            inputs_here: pinned(inputs, CU_MEMHOSTALLOC_WRITECOMBINED)?,
+            outputs_here: pinned(outputs, 0)?,
         })
     }
 
     /// Memory for `n_runs` runs of a routine.
     fn provide(&mut self, routine: usize, kernels: &Kernels, n_runs: usize) -> Result<(), Lost> {
         self.load(routine, kernels)?;
-        let there = self.routines[&routine].buffers.as_ref();
+        let turn = self.turn;
+        let there = self.routines[&routine].buffers[turn].as_ref();
         if there.is_none_or(|buffers| buffers.n_runs < n_runs) {
             let buffers = self.buffers(kernels, n_runs)?;
             if let Some(loaded) = self.routines.get_mut(&routine) {
-                loaded.buffers = Some(buffers);
+                loaded.buffers[turn] = Some(buffers);
             }
         }
         let length = n_runs * kernels.value_size;
         if self.values.as_ref().is_none_or(|values| values.len() < length) {
-            // The old memory is free before the new one is taken.
+            // The old memory is free, for the batch that runs too, before the new one is taken.
+            self.stream.synchronize().map_err(lost)?;
             self.values = None;
             self.values = Some(self.zeros(length)?);
         }
@@ -288,42 +319,31 @@ impl Backend for Card {
         Ok(read)
     }
 
-    fn run(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<Vec<f32>, Lost> {
+    fn start(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<(), Lost> {
         let kernels = batch.kernels;
         // Few numbers of runs have launches of their own; blocks of places without a run end at once.
         let n_runs = batch.members.len().next_power_of_two();
         self.provide(routine, kernels, n_runs)?;
-        let stream = Arc::clone(&self.stream);
-        let states = &self.state(cohort)?.1;
-        let states = states.device_ptr(&stream).0;
+        let (stream, turn) = (Arc::clone(&self.stream), self.turn);
+        let states = self.state(cohort)?.1.device_ptr(&stream).0;
         let values = self
             .values
             .as_ref()
             .map_or(0, |values| values.device_ptr(&stream).0);
         // `provide` has brought both.
-        let Some(loaded) = self.routines.get_mut(&routine) else {
-            unreachable!("routine {routine} is not loaded")
-        };
-        let LoadedRoutine {
+        let Some(LoadedRoutine {
             waves,
             constants,
-            buffers: Some(buffers),
+            buffers,
             graphs,
-        } = loaded
+        }) = self.routines.get_mut(&routine)
         else {
+            unreachable!("routine {routine} is not loaded")
+        };
+        let Some(buffers) = &mut buffers[turn] else {
             unreachable!("routine {routine} has no buffers")
         };
-        let members: Vec<u32> = std::iter::once(word(batch.members.len()))
-            .chain(batch.members.iter().copied())
-            .collect();
-        stream
-            .memcpy_htod(batch.tensors, &mut buffers.tensors)
-            .map_err(lost)?;
-        stream.memcpy_htod(&members, &mut buffers.members).map_err(lost)?;
-        stream.memcpy_htod(batch.runs, &mut buffers.runs).map_err(lost)?;
-        stream
-            .memcpy_htod(batch.inputs, &mut buffers.inputs)
-            .map_err(lost)?;
+        upload(&stream, buffers, batch)?;
         let arguments = Arguments {
             states,
             inputs: buffers.inputs.device_ptr(&stream).0,
@@ -347,23 +367,69 @@ impl Backend for Card {
             arguments.members,
             arguments.runs,
         ];
-        let key = (cohort, word(n_runs));
+        let key = (cohort, turn, word(n_runs));
         if graphs.get(&key).is_none_or(|(of, _)| *of != addresses) {
             let graph = record(&stream, waves, word(n_runs), &arguments)?;
             graphs.insert(key, (addresses, graph));
         }
         graphs[&key].1.launch().map_err(lost)?;
         let length = batch.members.len() * size(&kernels.outputs);
-        let outputs = if length == 0 {
-            Vec::new()
-        } else {
+        if length > 0 {
             stream
-                .clone_dtoh(&buffers.outputs.slice(..length))
-                .map_err(lost)?
-        };
-        stream.synchronize().map_err(lost)?;
-        Ok(outputs)
+                .memcpy_dtoh(&buffers.outputs, &mut buffers.outputs_here)
+                .map_err(lost)?;
+        }
+        let done = stream.record_event(None).map_err(lost)?;
+        self.flights.push_back(Flight {
+            routine,
+            turn,
+            length,
+            done,
+        });
+        self.turn = 1 - turn;
+        Ok(())
     }
+
+    fn finish(&mut self) -> Result<Vec<f32>, Lost> {
+        let Some(Flight {
+            routine,
+            turn,
+            length,
+            done,
+        }) = self.flights.pop_front()
+        else {
+            return Ok(Vec::new());
+        };
+        done.synchronize().map_err(lost)?;
+        let buffers = self.routines[&routine].buffers[turn].as_ref();
+        let outputs = buffers.map_or(Ok(&[][..]), |buffers| buffers.outputs_here.as_slice());
+        Ok(outputs.map_err(lost)?[..length].to_vec())
+    }
+}
+
+/// Brings members, words and inputs of a batch to the card.
+fn upload(stream: &Arc<CudaStream>, buffers: &mut Buffers, batch: &Batch<'_>) -> Result<(), Lost> {
+    let members = std::iter::once(word(batch.members.len())).chain(batch.members.iter().copied());
+    let members: Vec<u32> = members.collect();
+    stream
+        .memcpy_htod(batch.tensors, &mut buffers.tensors)
+        .map_err(lost)?;
+    stream.memcpy_htod(&members, &mut buffers.members).map_err(lost)?;
+    stream
+        .memcpy_htod(&batch.runs.concat(), &mut buffers.runs)
+        .map_err(lost)?;
+    let mut first = 0;
+    let here = buffers.inputs_here.as_mut_slice().map_err(lost)?;
+    for inputs in batch.inputs {
+        here[first..][..inputs.len()].copy_from_slice(inputs);
+        first += inputs.len();
+    }
+    if first > 0 {
+        stream
+            .memcpy_htod(&buffers.inputs_here, &mut buffers.inputs)
+            .map_err(lost)?;
+    }
+    Ok(())
 }
 
 /// All kernels of a routine as one graph, which is launched at once.

@@ -4,7 +4,7 @@ use crate::backend::Backend;
 use plan::cuda::Batch;
 use plan::cuda::literal::Literal;
 use plan::executor::Lost;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -16,6 +16,8 @@ pub struct LiteralProcessor {
     programs: BTreeMap<usize, Literal>,
     /// States of each cohort, and their size.
     states: BTreeMap<usize, (usize, Vec<f32>)>,
+    /// Outputs of batches that nobody has waited for.
+    outputs: VecDeque<Vec<f32>>,
 }
 
 impl LiteralProcessor {
@@ -26,6 +28,7 @@ impl LiteralProcessor {
             folder,
             programs: BTreeMap::new(),
             states: BTreeMap::new(),
+            outputs: VecDeque::new(),
         }
     }
 
@@ -59,15 +62,20 @@ impl Backend for LiteralProcessor {
         Ok(self.state(cohort, member)[entries].to_vec())
     }
 
-    fn run(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<Vec<f32>, Lost> {
+    fn start(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<(), Lost> {
         if !self.programs.contains_key(&routine) {
             let program = self.folder.join(format!("routine-{routine}"));
             let compiled = Literal::new(batch.kernels, &program).map_err(|error| lost(&error))?;
             self.programs.insert(routine, compiled);
         }
         let states = &mut self.states.entry(cohort).or_default().1;
-        self.programs[&routine]
-            .run(states, batch)
-            .map_err(|error| lost(&error))
+        let outputs = self.programs[&routine].run(states, batch);
+        self.outputs.push_back(outputs.map_err(|error| lost(&error))?);
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<Vec<f32>, Lost> {
+        // A batch was begun before.
+        Ok(self.outputs.pop_front().unwrap_or_default())
     }
 }

@@ -1,6 +1,5 @@
-//! The thread that owns the device: it answers requests of members, and makes one batch of all runs of one routine that
-//! wait. While a batch runs, the other members' environments go on and their requests gather, so the batches grow until
-//! card and cores are both at work.
+//! The thread that owns the device: it answers requests of members, and makes a batch of the runs of one routine that
+//! wait, at most half of a cohort. While the device computes for one half, the environments of the other go on.
 
 use crate::backend::Backend;
 use crate::cohort::Cohort;
@@ -133,15 +132,21 @@ impl Member for Admitted {
     }
 }
 
-/// The device with its members and the runs that wait.
+/// Members of a cohort below which all may be in one batch.
+const SMALLEST_HALF: usize = 8;
+
+/// Batches that run at most: the device begins the next one at once, while outputs of the last one are told.
+const MOST_FLIGHTS: usize = 2;
+
+/// The device with its members, the runs that wait, and those in flight.
 struct Desk<B> {
     backend: B,
     cohorts: Vec<Cohort>,
     routines: Vec<Arc<Kernels>>,
     /// Runs by the place of their routine.
     waiting: VecDeque<(usize, Run)>,
-    /// Runs of the largest batch so far.
-    largest_batch: usize,
+    /// Runs of batches that the device has begun, with the place of their routine.
+    flights: VecDeque<(usize, Vec<Run>)>,
 }
 
 impl<B: Backend> Desk<B> {
@@ -151,17 +156,24 @@ impl<B: Backend> Desk<B> {
             cohorts: Vec::new(),
             routines: Vec::new(),
             waiting: VecDeque::new(),
-            largest_batch: 0,
+            flights: VecDeque::new(),
         }
     }
 
+    /// Answers requests until nobody can ask any more.
     fn work(&mut self, received: &Receiver<Request>) {
-        while let Ok(request) = received.recv() {
-            self.take(request);
-            while let Some((routine, cohort)) = self.next() {
-                self.gather(received, routine, cohort);
-                self.run(routine, cohort);
-                received.try_iter().for_each(|request| self.take(request));
+        loop {
+            if self.waiting.is_empty() && self.flights.is_empty() {
+                let Ok(request) = received.recv() else { return };
+                self.take(request);
+            }
+            received.try_iter().for_each(|request| self.take(request));
+            match self.next() {
+                Some((routine, cohort)) if self.flights.len() < MOST_FLIGHTS => {
+                    self.gather(received, routine, cohort);
+                    self.start(routine, cohort);
+                }
+                _ => self.finish(),
             }
         }
     }
@@ -172,20 +184,23 @@ impl<B: Backend> Desk<B> {
         first.map(|(routine, run)| (*routine, run.place.cohort))
     }
 
-    /// Takes further requests, until as many runs wait as were in the largest batch, or none comes in time.
+    /// Most members of a batch: half of the cohort, so that the environments of one half go on while the device
+    /// computes for the other.
+    fn largest_batch(&self, cohort: usize) -> usize {
+        self.cohorts[cohort].n_members().div_ceil(2).max(SMALLEST_HALF)
+    }
+
+    /// Takes further requests, until the batch is full or none comes in time.
     fn gather(&mut self, received: &Receiver<Request>, routine: usize, cohort: usize) {
-        received.try_iter().for_each(|request| self.take(request));
-        while self.of_batch(routine, cohort).count() < self.largest_batch {
+        let (is_it, most) = (of_batch(routine, cohort), self.largest_batch(cohort));
+        while self.waiting.iter().filter(|run| is_it(run)).count()
+            < most.min(self.cohorts[cohort].n_members())
+        {
             match received.recv_timeout(GATHERING) {
                 Ok(request) => self.take(request),
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => return,
             }
         }
-    }
-
-    fn of_batch(&self, routine: usize, cohort: usize) -> impl Iterator<Item = &Run> {
-        let waiting = self.waiting.iter();
-        waiting.filter_map(move |(of, run)| (*of == routine && run.place.cohort == cohort).then_some(run))
     }
 
     fn take(&mut self, request: Request) {
@@ -237,37 +252,29 @@ impl<B: Backend> Desk<B> {
         })
     }
 
-    /// Runs all that wait for a routine and belong to a cohort.
-    fn run(&mut self, routine: usize, cohort: usize) {
-        let waiting = std::mem::take(&mut self.waiting);
-        let is_it = |(of, run): &(usize, Run)| *of == routine && run.place.cohort == cohort;
-        let (batch, others): (VecDeque<_>, _) = waiting.into_iter().partition(is_it);
+    /// Begins a batch of runs that wait for a routine and belong to a cohort, in the order in which they came.
+    fn start(&mut self, routine: usize, cohort: usize) {
+        let (is_it, most) = (of_batch(routine, cohort), self.largest_batch(cohort));
+        let (mut batch, mut others) = (Vec::new(), VecDeque::new());
+        for waiting in std::mem::take(&mut self.waiting) {
+            if is_it(&waiting) && batch.len() < most {
+                batch.push(waiting.1);
+            } else {
+                others.push_back(waiting);
+            }
+        }
         self.waiting = others;
-        self.largest_batch = self.largest_batch.max(batch.len());
-        let outputs = self.outputs(routine, cohort, &batch);
-        let output_size = size(&self.routines[routine].outputs);
-        for (at, (_, run)) in batch.into_iter().enumerate() {
-            let own = |all: &Vec<f32>| all[at * output_size..][..output_size].to_vec();
-            let _ = run.answer.send(outputs.as_ref().map(own).map_err(Lost::clone));
+        match self.started(routine, cohort, &batch) {
+            Ok(()) => self.flights.push_back((routine, batch)),
+            Err(lost) => tell(batch, |_| Err(lost.clone())),
         }
     }
 
-    fn outputs(
-        &mut self,
-        routine: usize,
-        cohort: usize,
-        batch: &VecDeque<(usize, Run)>,
-    ) -> Result<Vec<f32>, Lost> {
+    fn started(&mut self, routine: usize, cohort: usize, batch: &[Run]) -> Result<(), Lost> {
         let (kernels, of) = (&self.routines[routine], &self.cohorts[cohort]);
-        let members: Vec<u32> = batch.iter().map(|(_, run)| run.place.member).collect();
-        let runs: Vec<u32> = batch
-            .iter()
-            .flat_map(|(_, run)| run.words.iter().copied())
-            .collect();
-        let inputs: Vec<f32> = batch
-            .iter()
-            .flat_map(|(_, run)| run.inputs.iter().copied())
-            .collect();
+        let members: Vec<u32> = batch.iter().map(|run| run.place.member).collect();
+        let runs: Vec<&[u32]> = batch.iter().map(|run| &run.words[..]).collect();
+        let inputs: Vec<&[f32]> = batch.iter().map(|run| &run.inputs[..]).collect();
         let batch = Batch {
             kernels,
             state_size: of.state_size(),
@@ -276,6 +283,30 @@ impl<B: Backend> Desk<B> {
             runs: &runs,
             inputs: &inputs,
         };
-        self.backend.run(cohort, routine, &batch)
+        self.backend.start(cohort, routine, &batch)
+    }
+
+    /// Waits for the batch that was begun first, and tells its outputs.
+    fn finish(&mut self) {
+        if let Some((routine, batch)) = self.flights.pop_front() {
+            let outputs = self.backend.finish();
+            let size = size(&self.routines[routine].outputs);
+            tell(batch, |at| {
+                let all = outputs.as_ref().map_err(Lost::clone)?;
+                Ok(all[at * size..][..size].to_vec())
+            });
+        }
+    }
+}
+
+/// Whether a run that waits is of a routine and a cohort.
+fn of_batch(routine: usize, cohort: usize) -> impl Fn(&(usize, Run)) -> bool {
+    move |(of, run)| *of == routine && run.place.cohort == cohort
+}
+
+/// Answers the runs of a batch. A member that is gone waits for no answer.
+fn tell(batch: Vec<Run>, result: impl Fn(usize) -> Result<Vec<f32>, Lost>) {
+    for (at, run) in batch.into_iter().enumerate() {
+        let _ = run.answer.send(result(at));
     }
 }

@@ -119,12 +119,16 @@ impl Backend for Noted {
         self.backend.read(cohort, member, entries)
     }
 
-    fn run(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<Vec<f32>, Lost> {
+    fn start(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<(), Lost> {
         self.left = self.left.checked_sub(1).ok_or_else(|| Lost {
             reason: "the card is lost: it fell off the bus".into(),
         })?;
         self.sizes.lock().unwrap().push(batch.members.len());
-        self.backend.run(cohort, routine, batch)
+        self.backend.start(cohort, routine, batch)
+    }
+
+    fn finish(&mut self) -> Result<Vec<f32>, Lost> {
+        self.backend.finish()
     }
 }
 

@@ -47,8 +47,15 @@ impl Literal {
             .chain(states.iter().map(|entry| entry.to_bits()))
             .chain(std::iter::once(count(batch.members.len())))
             .chain(batch.members.iter().copied())
-            .chain(batch.runs.iter().copied())
-            .chain(batch.inputs.iter().map(|entry| entry.to_bits()));
+            .chain(batch.runs.iter().copied().flatten().copied())
+            .chain(
+                batch
+                    .inputs
+                    .iter()
+                    .copied()
+                    .flatten()
+                    .map(|entry| entry.to_bits()),
+            );
         let after = self.call(&words.flat_map(u32::to_le_bytes).collect::<Vec<u8>>())?;
         let (changed, outputs) = after.split_at(states.len());
         states.copy_from_slice(changed);

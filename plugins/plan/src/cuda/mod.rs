@@ -91,9 +91,9 @@ pub struct Batch<'a> {
     /// The member of each run. None occurs twice.
     pub members: &'a [u32],
     /// Words of each run, of [`Kernels::prepare`].
-    pub runs: &'a [u32],
+    pub runs: &'a [&'a [u32]],
     /// Inputs of each run.
-    pub inputs: &'a [f32],
+    pub inputs: &'a [&'a [f32]],
 }
 
 /// One routine as kernels.

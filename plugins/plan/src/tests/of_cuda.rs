@@ -101,11 +101,7 @@ fn member(kernels: &Kernels, at: u64, limits: &impl Fn(&str) -> [f64; 2]) -> Mem
 
 /// Runs the members at [`PLACES`] at once; tensors lie backwards in the memory, with gaps.
 fn run_together(kernels: &Kernels, literal: &Literal, members: &mut [Member]) -> Vec<f32> {
-    let (mut runs, mut inputs) = (Vec::new(), Vec::new());
-    for place in PLACES {
-        runs.extend(kernels.prepare(&mut members[place].state, members[place].seed));
-        inputs.extend(&members[place].inputs);
-    }
+    let runs = PLACES.map(|place| kernels.prepare(&mut members[place].state, members[place].seed));
     let (mut firsts, mut state_size) = (vec![0; kernels.tensors.len()], 0);
     for (first, leaf) in firsts.iter_mut().zip(&kernels.tensors).rev() {
         *first = state_size;
@@ -126,8 +122,8 @@ fn run_together(kernels: &Kernels, literal: &Literal, members: &mut [Member]) ->
             state_size,
             tensors: &firsts.iter().map(|first| *first as u32).collect::<Vec<u32>>(),
             members: &PLACES.map(|place| place as u32),
-            runs: &runs,
-            inputs: &inputs,
+            runs: &runs.each_ref().map(Vec::as_slice),
+            inputs: &PLACES.map(|place| members[place].inputs.as_slice()),
         },
     );
     for (member, memory) in members.iter_mut().zip(states.chunks_exact(state_size.max(1))) {
