@@ -7,7 +7,7 @@ use std::{
 };
 
 /// Every crate by its folder, with the crates of this project that it stands on. Each stands on crates above it alone.
-const ARROWS: [(&str, &[&str]); 25] = [
+const ARROWS: [(&str, &[&str]); 26] = [
     ("engine/document", &[]),
     ("engine/contract", &["document"]),
     ("engine/statistics", &["contract", "document"]),
@@ -90,6 +90,7 @@ const ARROWS: [(&str, &[&str]); 25] = [
     ("engine/testing", &["analysis", "contract"]),
     ("plugins/arithmetic", &[]),
     ("plugins/plan", &["arithmetic"]),
+    ("plugins/card", &["contract", "execution", "plan"]),
     ("plugins/numerics", &["arithmetic", "plan"]),
     ("plugins/protocols", &["contract", "document", "statistics"]),
     ("plugins/environments", &["arithmetic", "contract", "document"]),
@@ -111,6 +112,7 @@ const ARROWS: [(&str, &[&str]); 25] = [
         ".",
         &[
             "agents",
+            "card",
             "cli",
             "contract",
             "environments",

@@ -21,13 +21,19 @@ const OLDEST_DRIVER: i32 = 12000;
 /// Architecture that kernels are compiled for; the driver translates them for the card.
 const ARCHITECTURE: &str = "compute_80";
 
+/// Whether the compiler NVRTC is found.
+#[must_use]
+pub fn has_compiler() -> bool {
+    // SAFETY: the function opens the library and closes it again, and no thread uses it in between.
+    unsafe { cudarc::nvrtc::sys::is_culib_present() }
+}
+
 /// Compiles kernels to PTX. No card is needed.
 ///
 /// # Errors
 /// A sentence that says why they cannot be compiled.
 pub fn compile(kernels: &Kernels) -> Result<Ptx, Lost> {
-    // SAFETY: the function opens the library and closes it again; NVRTC has no initialiser that runs code of others.
-    if !unsafe { cudarc::nvrtc::sys::is_culib_present() } {
+    if !has_compiler() {
         let reason = "the compiler for the card is missing: the library libnvrtc is not found; the Python package \
                       nvidia-cuda-nvrtc-cu12 has it, and LD_LIBRARY_PATH has to name its folder";
         return Err(Lost {
@@ -153,7 +159,7 @@ impl Card {
     /// # Errors
     /// A sentence that says what the machine lacks.
     pub fn open(number: usize) -> Result<Self, Lost> {
-        // SAFETY: as in `compile`.
+        // SAFETY: as in `has_compiler`.
         if !unsafe { cudarc::driver::sys::is_culib_present() } {
             let reason = "this machine has no driver of NVIDIA: the library libcuda is not found";
             return Err(Lost {
