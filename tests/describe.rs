@@ -262,7 +262,7 @@ fn a_plan_is_printed_with_its_cost_and_a_refusal_says_why_there_is_none() {
     assert!(
         costs
             .iter()
-            .all(|line| line.contains(" operations, ") && line.ends_with(" bytes")),
+            .all(|line| line.contains(" operations, ") && line.contains(" bytes, kernels for a card: ")),
         "{costs:?}"
     );
     assert!(

@@ -2,7 +2,15 @@
 //!
 //! The device of these tests is the processor, which runs the text of the kernels for a card.
 
-use crate::program::Bench;
+use crate::{
+    program::{Bench, answer},
+    slurm::until,
+};
+use std::{
+    os::unix::process::CommandExt as _,
+    process::{Command, Stdio},
+    time::Duration,
+};
 
 const STUDY: &str = "\
 study: small
@@ -69,13 +77,58 @@ fn a_lost_device_loses_no_trial_and_cores_go_on_to_the_same_digests() {
     assert_eq!(bench.digests("store"), on_cores());
 }
 
+/// Ctrl-C reaches every process of a terminal, that of the device among them.
+#[test]
+fn trials_save_what_the_device_holds_when_all_processes_are_interrupted() {
+    let bench = Bench::new();
+    let study = STUDY
+        .replace("steps: 96,", "steps: 9600,")
+        .replace("evaluate_every: 48", "evaluate_every: 4800");
+    bench.write("small.yaml", &study);
+    let mut command = bench.misused(&["run", "small.yaml", "--device", "literal"]);
+    let run = command
+        .process_group(0)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let groups = || {
+        std::fs::read_dir(bench.path("store/trials"))
+            .into_iter()
+            .flatten()
+            .flatten()
+    };
+    until("trials have begun", || groups().count() > 3);
+    // Learning has begun by now, and the first regular checkpoint is far off.
+    std::thread::sleep(Duration::from_secs(2));
+    let group = format!("-{}", run.id());
+    assert!(
+        Command::new("kill")
+            .args(["-INT", "--", &group])
+            .status()
+            .unwrap()
+            .success()
+    );
+    let stopped = answer(&run.wait_with_output().unwrap());
+    assert_eq!(stopped.code, 106, "{}", stopped.err);
+    assert!(!stopped.err.contains("cannot go on"), "{}", stopped.err);
+    let checkpoints = groups().flat_map(|group| std::fs::read_dir(group.path()).unwrap());
+    let checkpoints = checkpoints.filter(|trial| trial.as_ref().unwrap().path().join("running").exists());
+    assert!(checkpoints.count() > 0, "{}", stopped.err);
+    bench.ok(&["run", "small.yaml"]);
+    let other = Bench::new();
+    other.write("small.yaml", &study);
+    other.ok(&["run", "small.yaml"]);
+    assert_eq!(bench.digests("store"), other.digests("store"));
+}
+
 #[test]
 fn a_machine_without_a_card_says_in_one_sentence_what_it_lacks() {
     let bench = Bench::new();
     bench.write("small.yaml", STUDY);
     let mut command = bench.command(&["run", "small.yaml", "--device", "cuda"]);
     // A card of the machine is hidden.
-    let answer = crate::program::answer(&command.env("CUDA_VISIBLE_DEVICES", "").output().unwrap());
+    let answer = answer(&command.env("CUDA_VISIBLE_DEVICES", "").output().unwrap());
     assert_eq!(answer.code, 2, "{}\n{}", answer.out, answer.err);
     let known = ["this machine has no driver of NVIDIA", "the driver finds no card"];
     assert!(
@@ -86,6 +139,21 @@ fn a_machine_without_a_card_says_in_one_sentence_what_it_lacks() {
     let rest = "without `--device cuda` the trials run on cores, with the same bits";
     assert!(answer.err.contains(rest), "{}", answer.err);
     assert!(!bench.path("store/trials").exists(), "nothing has run");
+}
+
+#[test]
+fn a_device_of_this_machine_is_refused_where_others_compute() {
+    let bench = Bench::new();
+    bench.write("small.yaml", STUDY);
+    let answer = bench.run(&["run", "small.yaml", "--executor", "slurm", "--device", "cuda"]);
+    assert_eq!(answer.code, 2, "{}", answer.err);
+    assert!(
+        answer
+            .err
+            .contains("write `device = \"cuda\"` in the regimen.toml that they read"),
+        "{}",
+        answer.err
+    );
 }
 
 #[test]

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use std::{
     io::{BufRead, BufReader, Read, Write},
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 /// The word by which the process of a device is started, before the name of the device.
@@ -152,6 +153,7 @@ impl Drop for Server {
 /// [`Error::Device`] where there is no such device; what the machine lacks is told to the run that has started this.
 pub fn serve(registry: &Registry, name: &str, mut input: impl Read + Send + 'static) -> Result<(), Error> {
     let kind = find(registry, name)?;
+    outlive_signals()?;
     let mut leaves = Some(move |socket: PathBuf| {
         std::thread::spawn(move || {
             let _ = input.read_to_end(&mut Vec::new());
@@ -168,6 +170,19 @@ pub fn serve(registry: &Registry, name: &str, mut input: impl Read + Send + 'sta
     });
     if let Err(problem) = served {
         tell(&Err(problem));
+    }
+    Ok(())
+}
+
+/// Keeps this process alive at a signal to its group: trials have yet to save what the device holds, and the end of the
+/// input says when they have.
+fn outlive_signals() -> Result<(), Error> {
+    use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
+    for signal in [SIGINT, SIGTERM, SIGUSR1] {
+        let noted = signal_hook::flag::register(signal, Arc::default());
+        noted.map_err(|source| Error::Device {
+            problem: format!("cannot listen for signals: {source}"),
+        })?;
     }
     Ok(())
 }

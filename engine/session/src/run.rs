@@ -114,9 +114,11 @@ impl Session<'_> {
     }
 }
 
-/// Worker processes of a run with a device, for each core: while the device computes for one, the environment of
-/// another goes on.
-const WORKERS_OF_A_CORE: usize = 8;
+/// Worker processes for each core: eight with a device, so that while it computes for one the environment of another goes
+/// on.
+pub(crate) fn workers_of_a_core(device: &str) -> usize {
+    if device == device::PROCESSOR { 1 } else { 8 }
+}
 
 /// Opens the device of learners, where one is wanted: on every card of this machine, where it has cards.
 fn open_device(
@@ -126,16 +128,21 @@ fn open_device(
     is_here: bool,
 ) -> Result<(), Failure> {
     let settings = &how.session.settings;
+    if !is_here {
+        let said = name.filter(|name| *name != device::PROCESSOR);
+        // Workers elsewhere read `regimen.toml` themselves.
+        return said.map_or(Ok(()), |name| {
+            Err(Failure::refusal(format!(
+                "--device {name} is about this machine, and an executor computes the trials on others: write `device = \
+                 \"{name}\"` in the regimen.toml that they read"
+            )))
+        });
+    }
     let name = name.unwrap_or(&settings.device);
     if name == device::PROCESSOR {
         return Ok(());
     }
     let kind = device::find(how.session.registry, name)?;
-    if !is_here {
-        return Err(Failure::refusal(format!(
-            "`{name}` is a device of this machine, and an executor computes the trials on others: leave one of both out"
-        )));
-    }
     let start = |card: Option<&str>| {
         Server::start(kind, card).map_err(|error| {
             let on_cores = format!("without `--device {name}` the trials run on cores, with the same bits");
@@ -150,7 +157,7 @@ fn open_device(
             .collect::<Result<_, _>>()?,
     };
     if jobs.is_none() {
-        how.workers *= WORKERS_OF_A_CORE;
+        how.workers *= workers_of_a_core(name);
     }
     Ok(())
 }

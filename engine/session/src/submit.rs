@@ -5,6 +5,7 @@ use crate::{
     compute::{Compute, Ends, has_paused},
     fitting::Machines,
     programs,
+    run::workers_of_a_core,
 };
 use contract::trial_end::is_missing;
 use execution::{
@@ -223,7 +224,8 @@ impl Submitting<'_> {
             .map(|spec| path(spec))
             .collect::<Result<Vec<_>, _>>()?;
         let cores = executor.cpus_per_task().get();
-        let mut arguments = worker_arguments(session, &specs, &store, cores);
+        let workers = cores * workers_of_a_core(&session.settings.device);
+        let mut arguments = worker_arguments(session, &specs, &store, workers);
         arguments.extend(words(&self.how.limits, self.how.fail_fast));
         // Who hands programs over has agreed to them.
         let starts = |one: &Planned| programs::has_programs(self.how.session.registry, &one.plan);

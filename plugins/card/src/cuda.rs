@@ -1,14 +1,14 @@
-//! NVIDIA's cards, by their driver and the compiler NVRTC, both of which are loaded when they are needed.
+//! NVIDIA's cards, by their driver, which is loaded when it is needed.
 
 #![allow(unsafe_code, reason = "the card computes on addresses")]
 
 use crate::backend::Backend;
+use crate::compiler::compile;
 use cudarc::driver::sys::{CU_MEMHOSTALLOC_WRITECOMBINED, CUgraphInstantiate_flags, CUstreamCaptureMode};
 use cudarc::driver::{
     CudaContext, CudaEvent, CudaFunction, CudaGraph, CudaSlice, CudaStream, DevicePtr, DeviceRepr,
     DriverError, LaunchConfig, PinnedHostSlice, PushKernelArg, ValidAsZeroBits,
 };
-use cudarc::nvrtc::{CompileError, CompileOptions, Ptx, compile_ptx_with_opts};
 use plan::cuda::{Batch, Kernels, THREADS, size};
 use plan::executor::Lost;
 use std::collections::{BTreeMap, VecDeque};
@@ -17,50 +17,6 @@ use std::sync::Arc;
 
 /// Oldest version of the driver's interface that the program knows.
 const OLDEST_DRIVER: i32 = 12000;
-
-/// Architecture that kernels are compiled for; the driver translates them for the card.
-const ARCHITECTURE: &str = "compute_80";
-
-/// Whether the compiler NVRTC is found.
-#[must_use]
-pub fn has_compiler() -> bool {
-    // SAFETY: the function opens the library and closes it again, and no thread uses it in between.
-    unsafe { cudarc::nvrtc::sys::is_culib_present() }
-}
-
-/// Compiles kernels to PTX. No card is needed.
-///
-/// # Errors
-/// A sentence that says why they cannot be compiled.
-pub fn compile(kernels: &Kernels) -> Result<Ptx, Lost> {
-    if !has_compiler() {
-        let reason = "the compiler for the card is missing: the library libnvrtc is not found; the Python package \
-                      nvidia-cuda-nvrtc-cu12 has it, and LD_LIBRARY_PATH has to name its folder";
-        return Err(Lost {
-            reason: reason.into(),
-        });
-    }
-    let options = CompileOptions {
-        // No sum is contracted to a fused multiply-add, and division and root are those of IEEE 754.
-        fmad: Some(false),
-        prec_div: Some(true),
-        prec_sqrt: Some(true),
-        ftz: Some(false),
-        arch: Some(ARCHITECTURE),
-        ..CompileOptions::default()
-    };
-    compile_ptx_with_opts(kernels.source(), options).map_err(|error| Lost {
-        reason: match error {
-            CompileError::CompileError { log, .. } => {
-                format!(
-                    "the kernels for the card cannot be compiled: {}",
-                    log.to_string_lossy()
-                )
-            }
-            other => format!("the kernels for the card cannot be compiled: {other}"),
-        },
-    })
-}
 
 /// Arguments of a kernel: `Population` of `population.c`.
 #[repr(C)]
@@ -144,6 +100,10 @@ fn lost(error: DriverError) -> Lost {
                 "the card has no memory left for this population: run fewer trials at a time with --jobs"
                     .into()
             }
+            CUresult::CUDA_ERROR_UNSUPPORTED_PTX_VERSION => {
+                "the compiler NVRTC is newer than the driver: install one of the driver's version of CUDA, or an older one"
+                    .into()
+            }
             CUresult::CUDA_ERROR_NO_DEVICE => "the driver finds no card".into(),
             CUresult::CUDA_ERROR_ECC_UNCORRECTABLE
             | CUresult::CUDA_ERROR_ILLEGAL_ADDRESS
@@ -159,7 +119,7 @@ impl Card {
     /// # Errors
     /// A sentence that says what the machine lacks.
     pub fn open(number: usize) -> Result<Self, Lost> {
-        // SAFETY: as in `has_compiler`.
+        // SAFETY: the function opens the library and closes it again, and no thread uses it in between.
         if !unsafe { cudarc::driver::sys::is_culib_present() } {
             let reason = "this machine has no driver of NVIDIA: the library libcuda is not found";
             return Err(Lost {
@@ -458,8 +418,7 @@ fn record(
         // SAFETY: the kernel has this one argument, and its blocks and members are those for which the memory was taken.
         unsafe { launch.launch(shape) }.map(drop).map_err(lost)
     });
-    let flags = CUgraphInstantiate_flags::CUDA_GRAPH_INSTANTIATE_FLAG_USE_NODE_PRIORITY;
-    let graph = stream.end_capture(flags).map_err(lost)?;
+    let graph = stream.end_capture(CUgraphInstantiate_flags(0)).map_err(lost)?;
     launched?;
     graph.ok_or_else(|| Lost {
         reason: "the card cannot be used: the kernels of a routine were not recorded".into(),

@@ -13,10 +13,12 @@
 //! | [`socket`] | requests of other processes |
 //! | [`device`] | the card as a device of the engine |
 //! | [`cuda`] | NVIDIA's cards |
+//! | [`compiler`] | the compiler of kernels |
 //! | [`literal`] | a processor that runs the text of the kernels, for tests |
 
 pub mod backend;
 pub mod cohort;
+pub mod compiler;
 pub mod cuda;
 pub mod device;
 pub mod literal;

@@ -1,7 +1,7 @@
 //! A processor that runs the text of the kernels, for tests of everything but the card itself.
 
 use crate::backend::Backend;
-use crate::cuda;
+use crate::compiler;
 use plan::cuda::Batch;
 use plan::cuda::literal::Literal;
 use plan::executor::Lost;
@@ -68,8 +68,8 @@ impl Backend for LiteralProcessor {
             let program = self.folder.join(format!("routine-{routine}"));
             let compiled = Literal::new(batch.kernels, &program).map_err(|error| lost(&error))?;
             // Where the compiler for the card is there, it has to take the text, too.
-            if cuda::has_compiler() {
-                cuda::compile(batch.kernels)?;
+            if compiler::has_compiler() {
+                compiler::compile(batch.kernels)?;
             }
             self.programs.insert(routine, compiled);
         }

@@ -2,10 +2,10 @@
 
 use crate::backend::Backend;
 use crate::cohort::Cohort;
-use crate::cuda;
 use crate::literal::LiteralProcessor;
 use crate::population::Population;
 use crate::socket::{Remote, serve};
+use crate::{compiler, cuda};
 use arithmetic::draws::{GOLDEN, mix, normal};
 use plan::cuda::{Batch, Kernels};
 use plan::executor::{Executor, Lost, with};
@@ -206,12 +206,15 @@ fn states_of_one_shape_are_a_cohort_with_or_without_moments() {
 
 /// The compiler for the card takes the kernels, wherever it is there. `CI` asks for it.
 #[test]
-#[allow(clippy::disallowed_methods, reason = "the variable decides what must be there, and no number")]
+#[allow(
+    clippy::disallowed_methods,
+    reason = "the variable decides what must be there, and no number"
+)]
 fn kernels_compile_for_a_card() {
     let graph = plan();
     for routine in ["learn", "act"] {
         let kernels = Kernels::new(&graph, graph.routine_named(routine).unwrap()).unwrap();
-        match cuda::compile(&kernels) {
+        match compiler::compile(&kernels) {
             Ok(ptx) => {
                 let text = ptx.to_src();
                 for wave in &kernels.waves {

@@ -33,6 +33,7 @@
 //! A plan makes no data-dependent choices of operations. Its random numbers depend on the seed of the run, on
 //! the draw's place in the routine and on the entry: not on the number of rows.
 
+mod bound;
 pub mod build;
 pub mod cuda;
 pub mod differences;

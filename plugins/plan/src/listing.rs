@@ -2,6 +2,7 @@
 //!
 //! Steps whose results nothing reads are left out, here as in executors.
 
+use crate::cuda::Kernels;
 use crate::graph::{Graph, Routine, Shape, Step, Value};
 use crate::updates::Update;
 use std::fmt::{Display, Formatter, Result};
@@ -99,7 +100,15 @@ impl Display for Graph {
     fn fmt(&self, f: &mut Formatter) -> Result {
         for (at, routine) in self.routines.iter().enumerate() {
             let (flops, bytes) = (self.flops(Routine(at)), self.bytes(Routine(at)));
-            writeln!(f, "{}: {flops} operations, {bytes} bytes", routine.name)?;
+            let on_a_card = match Kernels::new(self, Routine(at)) {
+                Ok(kernels) => format!("kernels for a card: {}", kernels.waves.len()),
+                Err(missing) => missing.to_string(),
+            };
+            writeln!(
+                f,
+                "{}: {flops} operations, {bytes} bytes, {on_a_card}",
+                routine.name
+            )?;
             for step in self.live_steps(at) {
                 self.write_step(step, f)?;
             }

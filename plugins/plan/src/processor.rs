@@ -4,11 +4,12 @@
 //! packed again only after they have changed. A run allocates nothing after the first one of its routine, and one
 //! thread executes it.
 
+use crate::bound::{Bound, bound};
 use crate::elsewhere::Elsewhere;
 use crate::executor;
 use crate::extension::MOST_OPERANDS;
 use crate::fusion::Pieces;
-use crate::graph::{Graph, Routine, Shape, Step, Value};
+use crate::graph::{Graph, Routine, Shape, Value};
 use crate::kernels::{Kernel, compile};
 use crate::memory::Memory;
 use crate::operations::{Operation, Pair, RowFunction};
@@ -17,7 +18,6 @@ use crate::scalar::{Factor, Scalar, combine, map};
 use crate::state::State;
 use crate::updates::Update;
 use crate::{dirichlet, draws};
-use std::collections::BTreeSet;
 
 /// Kind of a kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -39,31 +39,6 @@ pub enum Work {
     Update,
 }
 
-/// Parts of a state that the steps of a routine use.
-fn bound(graph: &Graph, routine: usize) -> Vec<Bound> {
-    let mut used = BTreeSet::new();
-    for step in graph.live_steps(routine) {
-        match step {
-            Step::Compute(value) => used.extend(&graph.nodes[value.0].operands),
-            Step::Update(update) => {
-                used.extend([update.operands(), update.moments()].concat());
-            }
-        }
-    }
-    let of = |value: &Value| {
-        let node = &graph.nodes[value.0];
-        let is_moment = node.operation == Operation::State;
-        (is_moment || node.operation == Operation::Parameter).then(|| Bound {
-            value: *value,
-            name: node.name.clone().unwrap_or_default(),
-            shape: node.shape,
-            is_moment,
-            place: usize::MAX,
-        })
-    };
-    used.iter().filter_map(of).collect()
-}
-
 /// A leaf that is packed as the second factor of products. Computed factors share one memory.
 #[derive(Debug, Clone)]
 struct Pack<T: Scalar> {
@@ -72,17 +47,6 @@ struct Pack<T: Scalar> {
     /// Version of the value that is packed.
     version: Option<u64>,
     packed: T::Packed,
-}
-
-/// A part of a state that a routine reads or changes.
-#[derive(Debug, Clone)]
-struct Bound {
-    value: Value,
-    name: String,
-    shape: Shape,
-    is_moment: bool,
-    /// Place in the state of the last run.
-    place: usize,
 }
 
 /// Buffers and compiled routines of one graph.

@@ -275,11 +275,12 @@ pub(super) fn png(drawing: &Drawing, path: &Path) -> Result<(), Error> {
     for mark in &drawing.marks {
         paste(mark, &mut pixels, (width as usize, height as usize));
     }
-    let mut backend = BitMapBackend::new(path, (width, height));
-    backend
-        .blit_bitmap((0, 0), (width, height), &pixels)
-        .map_err(refused)?;
-    backend.present().map_err(|error| unwritten(path, &error))
+    let image = Image {
+        width,
+        height,
+        pixels,
+    };
+    std::fs::write(path, image.png()?).map_err(Error::file("write", path))
 }
 
 /// The mean of each square of pixels.
@@ -460,13 +461,6 @@ fn load_font() {
 
 /// Error for the file of an image that was not written. The backend's error has the reason in its debugging text
 /// alone, with the words of the system in quotes.
-fn unwritten(path: &Path, error: &impl std::fmt::Display) -> Error {
-    let text = error.to_string();
-    let words = text.split_once('"').and_then(|(_, rest)| rest.rsplit_once('"'));
-    let words = words.map_or("the image could not be encoded", |(words, _)| words);
-    Error::file("write", path)(std::io::Error::other(words.to_owned()))
-}
-
 fn refused(error: impl std::fmt::Display) -> Error {
     Error::Render {
         what: "figure".into(),

@@ -123,7 +123,7 @@ fn an_extension_is_listed_and_counted_and_allocates_once() {
     let routine = graph.routine("products");
     let product = graph.apply(FREE, &[a, b]);
     graph.output("y", product);
-    let expected = "products: 6 operations, 72 bytes\n  `y` [2, 3] = Products of `a` [2, 3], `b` [2, 3]\n";
+    let expected = "products: 6 operations, 72 bytes, no kernel for a card computes Products\n  `y` [2, 3] = Products of `a` [2, 3], `b` [2, 3]\n";
     assert_eq!(graph.to_string(), expected);
     let mut processor = Processor::<f32>::new(graph);
     let mut seen = Vec::new();

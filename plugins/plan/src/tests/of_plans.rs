@@ -165,7 +165,7 @@ fn draws_are_printed_without_operands() {
     let (normal, uniform) = (graph.normal([2, 3]), graph.uniform([2, 3]));
     graph.output("normal", normal);
     graph.output("uniform", uniform);
-    let expected = "draws: 12 operations, 48 bytes\n  \
+    let expected = "draws: 12 operations, 48 bytes, kernels for a card: 1\n  \
         `normal` [2, 3] = Normal { index: 1 }\n  \
         `uniform` [2, 3] = Uniform { index: 2 }\n";
     assert_eq!(graph.to_string(), expected);
@@ -192,7 +192,7 @@ fn a_plan_is_printed_and_counted() {
     let graph = regression(true);
     let (text, act) = (graph.to_string(), graph.routine_named("act").unwrap());
     let act_text = text.split("act: ").nth(1).unwrap();
-    let expected = "96 operations, 152 bytes\n  \
+    let expected = "96 operations, 152 bytes, kernels for a card: 1\n  \
         `action` [6, 2] = Dense(Relu) of `x` [6, 3], `target` [3, 2], `b` [1, 2]\n";
     assert_eq!(act_text, expected);
     // 6 x 2 entries of 3 products, a bias and an activation; 18 + 6 + 2 + 12 numbers.
