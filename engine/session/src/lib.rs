@@ -14,6 +14,7 @@ mod absent;
 mod compared;
 mod compute;
 mod confirmations;
+mod device;
 mod exit;
 mod export;
 pub mod export_dataset;

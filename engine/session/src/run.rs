@@ -1,14 +1,11 @@
 //! Runs: what is missing is computed here, on hosts or through a queue, as far as looks and searches ask for.
 
 use crate::{
-    Exit, Failure, Planned, RunOptions, Session, WorkerOptions, compute::Compute, hosts, rehearse, searches,
-    seen, submit::Submitting,
+    Exit, Failure, Planned, RunOptions, Session, WorkerOptions, compute::Compute, device, hosts, rehearse,
+    searches, seen, submit::Submitting,
 };
 use contract::Registry;
-use execution::{
-    device::{self, Server},
-    executor::{self, ExecutorKind, Way},
-};
+use execution::executor::{self, ExecutorKind, Way};
 
 /// The outcome of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,7 +38,7 @@ impl Session<'_> {
         };
         let kind = place(&mut how, planned, options)?;
         let is_here = kind.is_none() && how.hosts.all.is_empty();
-        open_device(&mut how, options.device.as_deref(), options.jobs, is_here)?;
+        device::open(&mut how, options.device.as_deref(), options.jobs, is_here)?;
         seen::fix(self, planned, store)?;
         // Programs start where the trials do.
         let candidates = match is_here && !options.no_rehearsal {
@@ -100,7 +97,7 @@ impl Session<'_> {
             whole: false,
             ..Compute::of(self, options.jobs)
         };
-        open_device(&mut how, None, Some(options.jobs), true)?;
+        device::open(&mut how, None, Some(options.jobs), true)?;
         seen::fix(self, planned, self.store()?)?;
         let (part, parts) = options.part;
         let mut exit = Exit::Ok;
@@ -112,54 +109,6 @@ impl Session<'_> {
             }
         }
     }
-}
-
-/// Worker processes for each core: eight with a device, so that while it computes for one the environment of another goes
-/// on.
-pub(crate) fn workers_of_a_core(device: &str) -> usize {
-    if device == device::PROCESSOR { 1 } else { 8 }
-}
-
-/// Opens the device of learners, where one is wanted: on every card of this machine, where it has cards.
-fn open_device(
-    how: &mut Compute<'_>,
-    name: Option<&str>,
-    jobs: Option<usize>,
-    is_here: bool,
-) -> Result<(), Failure> {
-    let settings = &how.session.settings;
-    if !is_here {
-        let said = name.filter(|name| *name != device::PROCESSOR);
-        // Workers elsewhere read `regimen.toml` themselves.
-        return said.map_or(Ok(()), |name| {
-            Err(Failure::refusal(format!(
-                "--device {name} is about this machine, and an executor computes the trials on others: write `device = \
-                 \"{name}\"` in the regimen.toml that they read"
-            )))
-        });
-    }
-    let name = name.unwrap_or(&settings.device);
-    if name == device::PROCESSOR {
-        return Ok(());
-    }
-    let kind = device::find(how.session.registry, name)?;
-    let start = |card: Option<&str>| {
-        Server::start(kind, card).map_err(|error| {
-            let on_cores = format!("without `--device {name}` the trials run on cores, with the same bits");
-            Failure::refusal(format!("--device {name}: {error}; {on_cores}"))
-        })
-    };
-    how.devices = match &settings.gpus[..] {
-        [] => vec![start(None)?],
-        cards => cards
-            .iter()
-            .map(|card| start(Some(card)))
-            .collect::<Result<_, _>>()?,
-    };
-    if jobs.is_none() {
-        how.workers *= workers_of_a_core(name);
-    }
-    Ok(())
 }
 
 /// The queue that trials are handed to, where there is one; hosts are reached, and are then those of `how`.

@@ -3,9 +3,9 @@
 use crate::{
     Exit, Failure, Follower, Planned, RunOptions, Session,
     compute::{Compute, Ends, has_paused},
+    device::workers_of_a_core,
     fitting::Machines,
     programs,
-    run::workers_of_a_core,
 };
 use contract::trial_end::is_missing;
 use execution::{

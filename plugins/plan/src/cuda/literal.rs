@@ -3,6 +3,7 @@
 
 use super::{Batch, Kernels};
 use std::io::{Error, Read, Write};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -20,7 +21,7 @@ impl Literal {
     pub fn new(kernels: &Kernels, program: &Path) -> Result<Self, Error> {
         let source = program.with_extension("c");
         std::fs::write(&source, kernels.host_program())?;
-        let mut compiler = Command::new("cc");
+        let mut compiler = apart("cc".as_ref());
         compiler.args(["-std=gnu11", "-O1", "-ffp-contract=off", "-w", "-o"]);
         let done = compiler.arg(program).arg(&source).arg("-lm").output()?;
         if done.status.success() {
@@ -63,7 +64,7 @@ impl Literal {
     }
 
     fn call(&self, input: &[u8]) -> Result<Vec<f32>, Error> {
-        let mut command = Command::new(&self.program);
+        let mut command = apart(&self.program);
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()?;
         let (to, from) = (child.stdin.take(), child.stdout.take());
         // The program reads everything before it writes.
@@ -78,6 +79,13 @@ impl Literal {
         let words = after.as_chunks::<4>().0.iter();
         Ok(words.map(|word| f32::from_le_bytes(*word)).collect())
     }
+}
+
+/// A command that no signal to the group of this process reaches.
+fn apart(program: &Path) -> Command {
+    let mut command = Command::new(program);
+    command.process_group(0);
+    command
 }
 
 /// A number below 2^32 of members or entries.
