@@ -9,10 +9,10 @@
 //! | `device.c`, `host.c` | the words in which kernels are written, for a card and for a processor |
 //! | `arithmetic.c` | the functions of the crate [`arithmetic`] |
 //! | `product.c`, `operations.c` | operations of a plan |
-//! | [`parts`] | operations of one routine as texts |
-//! | [`tiles`] | sizes of the tiles of products |
+//! | `parts` | operations of one routine as texts |
+//! | `tiles` | sizes of the tiles of products |
 //! | [`literal`] | the kernels on a processor, for tests |
-//! | [`layout`] | places of values in a member's memory |
+//! | `layout` | places of values in a member's memory |
 //!
 //! The texts depend on shapes alone. Operations without dependencies between them share a kernel, a *wave*, whose
 //! blocks are those of its operations one after the other.
