@@ -15,25 +15,12 @@
 namespace arithmetic {
 
 
-#define GOLDEN 0x9e3779b97f4a7c15ull
 enum { CLASSES = 4096, KEPT = 16 };
 
-ARITHMETIC uint64_t mix(uint64_t z) {
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
-    return z ^ (z >> 31);
-}
-struct Stream {
-    uint64_t state;
-    ARITHMETIC_MEMBER uint64_t word() {
-        state += GOLDEN;
-        return mix(state);
-    }
-};
 ARITHMETIC double argument(uint64_t i, uint64_t word, double low, double high) {
     return i % 2 == 0 ? double_from_bits(word) : low + (high - low) * uniform(word);
 }
-ARITHMETIC uint64_t summand(uint64_t i, uint64_t b) { return mix(b + i * GOLDEN); }
+ARITHMETIC uint64_t summand(uint64_t i, uint64_t b) { return mix(b + i * ARITHMETIC_GOLDEN); }
 ARITHMETIC float number(uint64_t i) { return (float)normal(mix(i)); }
 
 // Each family: the summand of input i, and the number of inputs as a power of two.

@@ -1,4 +1,4 @@
-// ln Gamma and its derivatives, normal and gamma draws: the modules `gamma` and `draws`.
+// ln Gamma and its derivatives, normal and gamma draws: the modules `gamma`, `draws` and `gamma_slope`.
 #pragma once
 
 #include "double.cuh"
@@ -88,6 +88,21 @@ ARITHMETIC_CALLED double trigamma(double x) {
     return below + (inverse + square * (0.5 + inverse * polynomial(TRIGAMMA, square)));
 }
 
+#define ARITHMETIC_GOLDEN 0x9e3779b97f4a7c15ull
+
+ARITHMETIC uint64_t mix(uint64_t z) {
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
+    return z ^ (z >> 31);
+}
+struct Stream {
+    uint64_t state;
+    ARITHMETIC_MEMBER uint64_t word() {
+        state += ARITHMETIC_GOLDEN;
+        return mix(state);
+    }
+};
+
 ARITHMETIC double uniform(uint64_t word) { return ((double)(word >> 12) + 0.5) * (1.0 / 4503599627370496.0); }
 
 ARITHMETIC double normal(uint64_t word) {
@@ -116,8 +131,6 @@ ARITHMETIC double normal(uint64_t word) {
                            : polynomial(TAIL, s - 5.0) / polynomial(TAIL_BELOW, s - 5.0);
     return q < 0.0 ? -size : size;
 }
-// `Stream` has `uint64_t word()`.
-template <class Stream>
 ARITHMETIC double log_gamma(double shape, Stream& words) {
     if (!(shape > 0.0 && shape < ARITHMETIC_INFINITY)) return ARITHMETIC_NAN;
     double from_one = shape < 1.0 ? shape + 1.0 : shape;
@@ -136,6 +149,40 @@ ARITHMETIC double log_gamma(double shape, Stream& words) {
         }
     }
     return shape < 1.0 ? draw + ln(uniform(words.word())) / shape : draw;
+}
+
+// Derivative of ln x in `shape` at a fixed probability, of a draw x: the module `gamma_slope`.
+ARITHMETIC_CALLED double log_gamma_slope(double shape, double log_draw) {
+    if (shape != shape || shape <= 0.0 || log_draw != log_draw) return ARITHMETIC_NAN;
+    double draw = exp(log_draw);
+    if (shape > 1e6) {
+        double distance = (draw - shape) / shape;
+        return (1.0 + 0.5 * distance - (distance * distance - 1.0 / shape) / 6.0) / draw;
+    }
+    if (draw > shape + 2.5 * sqrt(shape) + 2.0) {
+        double tail = 0.0, tail_slope = 0.0;
+        for (double level = 64.0; level >= 1.0; level -= 1.0) {
+            double inverse = 1.0 / (draw + 2.0 * level + 1.0 - shape - tail);
+            double numerator = level * (level - shape);
+            tail = numerator * inverse;
+            tail_slope = (tail * (1.0 + tail_slope) - level) * inverse;
+        }
+        double fraction = 1.0 / (draw + 1.0 - shape - tail);
+        return (log_draw - digamma(shape)) * fraction + fraction * fraction * (1.0 + tail_slope);
+    }
+    double argument = shape + 1.0, weight = 1.0 / shape;
+    double excess = digamma(argument) - log_draw;
+    double sum = weight * excess;
+    if (draw == 0.0) return sum;
+    for (;;) {
+        double inverse = 1.0 / argument;
+        weight *= draw * inverse;
+        excess += inverse;
+        double term = weight * excess;
+        sum += term;
+        if (argument > draw && magnitude(term) < 1e-13 * magnitude(sum) * (1.0 - draw * inverse)) return sum;
+        argument += 1.0;
+    }
 }
 
 }  // namespace arithmetic

@@ -24,6 +24,7 @@
 //! | [`draws`] | uniform, normal and gamma numbers from a stream of 64-bit words |
 //! | [`products`] | products of matrices and sums over rows as chains, sums in blocks |
 //! | [`steps`] | a step of Adam, a largest norm, a moving average |
+//! | [`cuda`] | the text of the functions that kernels for a card call |
 //! | [`digests`] | digests of all of the above, for a comparison of processors and cards |
 //! | [`errors`] | errors in units in the last place |
 //!
@@ -31,6 +32,7 @@
 //! [`double`], [`trigonometry`], [`power`], [`normal`], [`gamma`] and [`draws`]. Elsewhere its bits are unspecified,
 //! since processors differ in them.
 
+pub mod cuda;
 pub mod digests;
 pub mod double;
 pub mod draws;

@@ -1,4 +1,4 @@
-//! The kernels of a routine run literally on the processor, for tests: the same text, compiled by the C compiler, one
+//! The kernels of a routine run literally on the processor, for tests: the same text, compiled by a compiler of C++, one
 //! block and one thread after the other.
 
 use super::{Batch, Kernels};
@@ -6,6 +6,9 @@ use std::io::{Error, Read, Write};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+
+/// Compiler of C++.
+pub const COMPILER: &str = "c++";
 
 /// A compiled program.
 #[derive(Debug)]
@@ -17,12 +20,12 @@ impl Literal {
     /// Compiles the kernels to a file that is not there yet.
     ///
     /// # Errors
-    /// [`Error`] where no compiler `cc` is found, or it fails.
+    /// [`Error`] where no [`COMPILER`] is found, or it fails.
     pub fn new(kernels: &Kernels, program: &Path) -> Result<Self, Error> {
-        let source = program.with_extension("c");
+        let source = program.with_extension("cpp");
         std::fs::write(&source, kernels.host_program())?;
-        let mut compiler = apart("cc".as_ref());
-        compiler.args(["-std=gnu11", "-O1", "-ffp-contract=off", "-w", "-o"]);
+        let mut compiler = apart(COMPILER.as_ref());
+        compiler.args(["-std=c++17", "-O1", "-ffp-contract=off", "-w", "-o"]);
         let done = compiler.arg(program).arg(&source).arg("-lm").output()?;
         if done.status.success() {
             Ok(Self {

@@ -1,4 +1,4 @@
-//! The routines of a plan as kernels for a card, in CUDA C, for all members of a population at once.
+//! The routines of a plan as kernels for a card, in CUDA C++, for all members of a population at once.
 //!
 //! Every operation has the order of sums that the processor has, so that a member's bits are those of a trial alone:
 //! an entry of a product is a chain of fused multiply-adds over `k`, one thread computes it, and neither tiles nor
@@ -6,9 +6,9 @@
 //!
 //! | file | contents |
 //! |---|---|
-//! | `device.c`, `host.c` | the words in which kernels are written, for a card and for a processor |
-//! | `arithmetic.c` | the functions of the crate [`arithmetic`] |
-//! | `product.c`, `operations.c` | operations of a plan |
+//! | `device.cuh`, `host.hpp` | the words in which kernels are written, for a card and for a processor |
+//! | [`arithmetic::cuda`] | the functions that they call |
+//! | `product.cuh`, `operations.cuh` | operations of a plan |
 //! | `parts` | operations of one routine as texts |
 //! | `tiles` | sizes of the tiles of products |
 //! | [`literal`] | the kernels on a processor, for tests |
@@ -37,12 +37,12 @@ pub use layout::{Leaf, Span, size};
 /// Threads of a block of every kernel.
 pub const THREADS: usize = 256;
 
-const DEVICE: &str = include_str!("device.c");
-const HOST: &str = include_str!("host.c");
-const HOST_MAIN: &str = include_str!("host_main.c");
-const POPULATION: &str = include_str!("population.c");
-const ARITHMETIC: &str = include_str!("arithmetic.c");
-const OPERATIONS: &str = include_str!("operations.c");
+const DEVICE: &str = include_str!("device.cuh");
+const HOST: &str = include_str!("host.hpp");
+const HOST_MAIN: &str = include_str!("host_main.hpp");
+const POPULATION: &str = include_str!("population.cuh");
+const PRODUCT: &str = include_str!("product.cuh");
+const OPERATIONS: &str = include_str!("operations.cuh");
 
 /// An operation that has no kernel.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -175,13 +175,13 @@ impl Kernels {
         }
     }
 
-    /// The kernels in CUDA C.
+    /// The kernels in CUDA C++.
     #[must_use]
     pub fn source(&self) -> String {
         [DEVICE, &self.body()].concat()
     }
 
-    /// A program in C that runs the kernels literally on a processor; `host_main.c` says what it reads and writes.
+    /// A program in C++ that runs the kernels literally on a processor; `host_main.hpp` says what it reads and writes.
     #[must_use]
     pub fn host_program(&self) -> String {
         let mut run = String::from("\nstatic void run_all(const Population p) {\n");
@@ -199,7 +199,8 @@ impl Kernels {
     }
 
     fn body(&self) -> String {
-        [POPULATION, ARITHMETIC, OPERATIONS, &tiles::products(), &self.text].concat()
+        let arithmetic = arithmetic::cuda::source();
+        [POPULATION, &arithmetic, OPERATIONS, PRODUCT, &self.text].concat()
     }
 }
 
@@ -308,7 +309,7 @@ fn single(number: f64) -> String {
     if number.is_finite() {
         format!("{number:?}f")
     } else {
-        format!("float_of(0x{:08x}u)", number.to_bits())
+        format!("from_bits(0x{:08x}u)", number.to_bits())
     }
 }
 

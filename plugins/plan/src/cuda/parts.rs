@@ -126,13 +126,12 @@ impl Writer<'_> {
         let node = &self.graph.nodes[value.0];
         let n = node.shape[0] * node.shape[1];
         let operands = node.operands.clone();
-        let draw = |function: &str, index| {
-            format!("u64 words = stream_of(run[0] | (u64)run[1] << 32, {index}, i);\n    c[i] = {function};")
-        };
         let text = match &node.operation {
-            Operation::Normal { index } => draw("(float)normal(word(&words))", index),
-            Operation::Uniform { index } => draw("uniform_f(word(&words))", index),
-            Operation::LogGamma { index } => draw("(float)log_gamma_draw((double)a[i], words)", index),
+            Operation::Normal { index } => format!("c[i] = normal_of(stream_of(run, {index}, i));"),
+            Operation::Uniform { index } => format!("c[i] = uniform_of(stream_of(run, {index}, i));"),
+            Operation::LogGamma { index } => {
+                format!("c[i] = log_gamma_of(a[i], stream_of(run, {index}, i));")
+            }
             Operation::LogGammaSlope => "c[i] = (float)log_gamma_slope((double)a[i], (double)b[i]);".into(),
             Operation::Rows(function) => return self.add_rows(*function, value),
             Operation::Dense(activation) => return self.add_product(value, [false; 2], Some(*activation)),
@@ -173,11 +172,11 @@ impl Writer<'_> {
                 "const int at = i % {columns} - {first};\n    c[i] = at >= 0 && at < {width} ? a[i / {columns} * {width} + at] : 0.0f;"
             ),
             Operation::Gather => format!(
-                "const int at = named_column(b[i], {width});\n    c[i] = at < {width} ? a[i * {width} + at] : NOT_A_NUMBER;"
+                "const int at = named_column(b[i], {width});\n    c[i] = at < {width} ? a[i * {width} + at] : ARITHMETIC_NAN_F;"
             ),
             Operation::Scatter => format!(
                 "const int at = named_column(b[i / {columns}], {columns});\n    \
-                 c[i] = at == i % {columns} ? a[i / {columns}] : at < {columns} ? 0.0f : NOT_A_NUMBER;"
+                 c[i] = at == i % {columns} ? a[i / {columns}] : at < {columns} ? 0.0f : ARITHMETIC_NAN_F;"
             ),
             Operation::RepeatRows { times } => {
                 format!("c[i] = a[i / {} * {width} + i % {width}];", times * width)
@@ -352,10 +351,10 @@ impl Writer<'_> {
         let text = match update {
             Update::Adam { settings, .. } => {
                 let [beta_1, beta_2] = settings.betas.map(single);
-                let rates = "float_of(rates[0]), float_of(rates[1])";
-                format!("descend(c + i, a[i], first + i, second + i, {rates}, {beta_1}, {beta_2});")
+                let rates = "from_bits(rates[0]), from_bits(rates[1])";
+                format!("adam(c[i], a[i], first[i], second[i], {beta_1}, {beta_2}, {rates});")
             }
-            Update::Follow { tau, .. } => format!("c[i] += {} * (a[i] - c[i]);", single(*tau)),
+            Update::Follow { tau, .. } => format!("c[i] = followed(c[i], a[i], {});", single(*tau)),
             Update::Assign { .. } => "c[i] = a[i];".to_owned(),
         };
         let moments = update.moments();
@@ -379,13 +378,13 @@ fn map(function: Function, x: &str) -> String {
         Function::Negate => format!("-{x}"),
         Function::Rectify(below) => format!("rectified({x}, {})", single(below)),
         Function::RectifierSlope(below) => format!("{x} > 0.0f ? 1.0f : {}", single(below)),
-        Function::Tanh => format!("tanh_f({x})"),
+        Function::Tanh => format!("single::tanh({x})"),
         Function::OneLessSquare => format!("1.0f - {x} * {x}"),
-        Function::Exp => format!("exp_f({x})"),
-        Function::Ln => format!("ln_f({x})"),
-        Function::Ln1p => format!("ln_1p_f({x})"),
-        Function::Softplus => format!("softplus_f({x})"),
-        Function::Sigmoid => format!("sigmoid_f({x})"),
+        Function::Exp => format!("single::exp({x})"),
+        Function::Ln => format!("single::ln({x})"),
+        Function::Ln1p => format!("single::ln_1p({x})"),
+        Function::Softplus => format!("single::softplus({x})"),
+        Function::Sigmoid => format!("single::sigmoid({x})"),
         Function::Absolute => format!("absolute({x})"),
         Function::Sign => format!("sign({x})"),
         Function::Square => format!("{x} * {x}"),

@@ -1,5 +1,7 @@
 // Operations of a plan. `block` counts the blocks of the operation.
 
+using namespace arithmetic;
+
 // Values of `k` in a chain, and in a step of a product.
 #define CHAIN 512
 #define DEPTH 16
@@ -19,7 +21,7 @@ FUNCTION float sign(float x) { return x > 0.0f ? 1.0f : x < 0.0f ? -1.0f : x; }
 FUNCTION float absolute(float x) { return x <= 0.0f ? 0.0f - x : x; }
 
 FUNCTION float activated(const int activation, float x) {
-    return activation == 1 ? rectified(x, 0.0f) : activation == 2 ? rectified(x, 0.01f) : activation == 3 ? tanh_f(x) : x;
+    return activation == 1 ? rectified(x, 0.0f) : activation == 2 ? rectified(x, 0.01f) : activation == 3 ? single::tanh(x) : x;
 }
 
 // Column that a number names, or `columns` where it names none.
@@ -57,16 +59,9 @@ SUM_OF_BLOCKS(sum_of_blocks, float, float, SAME)
 SUM_OF_BLOCKS(wide_sum_of_blocks, double, double, SAME)
 SUM_OF_BLOCKS(squares_of_blocks, float, double, WIDE_SQUARE)
 
-// Sum of `n` entries with a distance between them: chains of 512, added in their order.
+// Sum of `n` entries with a distance between them: a product with ones.
 FUNCTION float sum_of_chains(const float *x, const int n, const int distance) {
-    float sum = 0.0f;
-    for (int first = 0; first < n; first += CHAIN) {
-        float chain = 0.0f;
-        const int end = first + CHAIN < n ? first + CHAIN : n;
-        for (int i = first; i < end; i++) chain += x[i * distance];
-        sum = first == 0 ? chain : sum + chain;
-    }
-    return sum;
+    return product_entry(n, [](int) { return 1.0f; }, [=](int k) { return x[k * distance]; });
 }
 
 FUNCTION float largest_of(const float *row, const int n) {
@@ -83,8 +78,8 @@ FUNCTION float place_of_largest(const float *row, const int n) {
 
 // A number whose order as an integer is the total order of the numbers.
 FUNCTION int order_of(float x) {
-    const int bits = (int)bits_of(x);
-    return bits ^ (int)((u32)(bits >> 31) >> 1);
+    const int word = (int)bits(x);
+    return word ^ (int)((unsigned)(word >> 31) >> 1);
 }
 
 FUNCTION float ranked(const float *row, const int n, const int rank) {
@@ -96,7 +91,7 @@ FUNCTION float ranked(const float *row, const int n, const int rank) {
         }
         if (below <= rank && rank < below + equal) return row[i];
     }
-    return NOT_A_NUMBER;
+    return ARITHMETIC_NAN_F;
 }
 
 FUNCTION double log_beta(const float *alpha, const int n, double total) {
@@ -139,14 +134,19 @@ FUNCTION void dirichlet_entropy_slope(const float *alpha, const int n, float *re
         result[i] = (float)(of_total - ((double)alpha[i] - 1.0) * trigamma((double)alpha[i]));
 }
 
-FUNCTION float moment(float x) { return size_of(x) < LEAST_NORMAL ? 0.0f : x; }
-
-// A step of Adam of one entry.
-FUNCTION void descend(float *x, const float g, float *first, float *second, const float step, const float root,
-                      const float beta_1, const float beta_2) {
-    const float m = moment(beta_1 * *first + (1.0f - beta_1) * g);
-    const float v = moment(beta_2 * *second + (1.0f - beta_2) * g * g);
-    *first = m;
-    *second = v;
-    *x -= step * m / (sqrtf(v) * root + 1e-8f);
+// Draw `index` of a run begins a stream for each entry.
+FUNCTION Stream stream_of(const unsigned *run, const int index, const int entry) {
+    const uint64_t seed = run[0] | (uint64_t)run[1] << 32;
+    const uint64_t first = mix(seed + (uint64_t)index * ARITHMETIC_GOLDEN);
+    return Stream{mix(first + (uint64_t)(entry + 1) * ARITHMETIC_GOLDEN)};
 }
+
+FUNCTION float normal_of(Stream words) { return (float)normal(words.word()); }
+
+// Of 2^25 numbers one is rounded to 1.
+FUNCTION float uniform_of(Stream words) {
+    const float nearest = (float)uniform(words.word());
+    return nearest < 1.0f ? nearest : 0.99999994f;
+}
+
+FUNCTION float log_gamma_of(float shape, Stream words) { return (float)log_gamma((double)shape, words); }

@@ -1,8 +1,5 @@
 // Words of the kernels for a card: a block is a block of threads, and each thread runs the same text.
 
-typedef unsigned int u32;
-typedef unsigned long long u64;
-
 #define KERNEL(name) extern "C" __global__ void __launch_bounds__(THREADS) name(const Population p)
 #define FUNCTION static __device__ __forceinline__
 // A function that several kernels call, which is compiled once.
@@ -18,7 +15,3 @@ typedef unsigned long long u64;
 #define KEPT 1
 #define WAIT __syncthreads()
 
-FUNCTION u32 bits_of(float x) { return __float_as_uint(x); }
-FUNCTION float float_of(u32 bits) { return __uint_as_float(bits); }
-FUNCTION u64 wide_bits_of(double x) { return (u64)__double_as_longlong(x); }
-FUNCTION double double_of(u64 bits) { return __longlong_as_double((long long)bits); }
