@@ -3,6 +3,7 @@
 //! The device of these tests is the processor, which runs the text of the kernels for a card.
 
 use crate::{
+    needs,
     program::{Bench, answer},
     slurm::until,
 };
@@ -34,6 +35,9 @@ fn on_cores() -> Vec<(String, String)> {
 
 #[test]
 fn trials_on_a_device_have_the_digests_of_trials_on_cores() {
+    if needs::program("c++").is_none() {
+        return;
+    }
     let bench = Bench::new();
     bench.write("small.yaml", STUDY);
     let ran = bench.run_misused(&["run", "small.yaml", "--device", "literal"]);
@@ -57,6 +61,9 @@ fn trials_on_a_device_have_the_digests_of_trials_on_cores() {
 
 #[test]
 fn a_lost_device_loses_no_trial_and_cores_go_on_to_the_same_digests() {
+    if needs::program("c++").is_none() {
+        return;
+    }
     let bench = Bench::new();
     bench.write("small.yaml", STUDY);
     bench.write(
@@ -80,6 +87,9 @@ fn a_lost_device_loses_no_trial_and_cores_go_on_to_the_same_digests() {
 /// Ctrl-C reaches every process of a terminal, that of the device among them.
 #[test]
 fn trials_save_what_the_device_holds_when_all_processes_are_interrupted() {
+    if needs::program("c++").is_none() {
+        return;
+    }
     let bench = Bench::new();
     let study = STUDY
         .replace("steps: 96,", "steps: 9600,")
@@ -128,17 +138,22 @@ fn a_machine_without_a_card_says_in_one_sentence_what_it_lacks() {
     bench.write("small.yaml", STUDY);
     let mut command = bench.command(&["run", "small.yaml", "--device", "cuda"]);
     // A card of the machine is hidden.
-    let answer = answer(&command.env("CUDA_VISIBLE_DEVICES", "").output().unwrap());
-    assert_eq!(answer.code, 2, "{}\n{}", answer.out, answer.err);
+    let refused = answer(&command.env("CUDA_VISIBLE_DEVICES", "").output().unwrap());
+    assert_eq!(refused.code, 2, "{}\n{}", refused.out, refused.err);
     let known = ["this machine has no driver of NVIDIA", "the driver finds no card"];
     assert!(
-        known.iter().any(|words| answer.err.contains(words)),
+        known.iter().any(|words| refused.err.contains(words)),
         "{}",
-        answer.err
+        refused.err
     );
     let rest = "without `--device cuda` the trials run on cores, with the same bits";
-    assert!(answer.err.contains(rest), "{}", answer.err);
+    assert!(refused.err.contains(rest), "{}", refused.err);
     assert!(!bench.path("store/trials").exists(), "nothing has run");
+    // A report of trials that are there needs no card.
+    bench.ok(&["run", "small.yaml"]);
+    let mut command = bench.command(&["run", "small.yaml", "--device", "cuda"]);
+    let again = answer(&command.env("CUDA_VISIBLE_DEVICES", "").output().unwrap());
+    assert_eq!(again.code, 0, "{}", again.err);
 }
 
 #[test]

@@ -49,7 +49,8 @@ for line in open(sys.argv[1]):
 print(' and '.join(other + ['no ' + ', '.join(missing)] * bool(missing)))";
 
 /// Programs by the package of Debian that has each, where its name is another one.
-const PACKAGES: [(&str, &str); 12] = [
+const PACKAGES: [(&str, &str); 13] = [
+    ("c++", "g++"),
     ("pdftotext", "poppler-utils"),
     ("pdflatex", "texlive-latex-recommended"),
     ("python3", "python3 python3-venv"),

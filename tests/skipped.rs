@@ -28,6 +28,7 @@ static SAID: Mutex<(BTreeSet<String>, BTreeSet<String>)> = Mutex::new((BTreeSet:
 /// # Panics
 /// Where `CI` is set.
 #[track_caller]
+#[allow(dead_code, reason = "a program of tests may have skipped parts alone")]
 pub(crate) fn skip(missing: &str, remedy: &str) {
     say(&format!("{missing}; {remedy}"));
 }

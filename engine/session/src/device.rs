@@ -1,7 +1,7 @@
 //! The device on which the learners of a run compute.
 
 use crate::{Failure, compute::Compute};
-use execution::device::{self, Server};
+use execution::device::{self, DeviceKind, Server};
 
 /// Worker processes for each core: eight with a device, so that while it computes for one the environment of another goes
 /// on.
@@ -9,14 +9,14 @@ pub(crate) fn workers_of_a_core(device: &str) -> usize {
     if device == device::PROCESSOR { 1 } else { 8 }
 }
 
-/// Opens the device of learners, where one is wanted: on every card of this machine, where it has cards.
-pub(crate) fn open(
+/// Notes the device that a run wants: the one of this name, else that of the machine. Nothing is opened yet.
+pub(crate) fn choose(
     how: &mut Compute<'_>,
     name: Option<&str>,
     jobs: Option<usize>,
     is_here: bool,
 ) -> Result<(), Failure> {
-    let settings = &how.session.settings;
+    let session = how.session;
     if !is_here {
         let said = name.filter(|name| *name != device::PROCESSOR);
         // Workers elsewhere read `regimen.toml` themselves.
@@ -27,26 +27,27 @@ pub(crate) fn open(
             )))
         });
     }
-    let name = name.unwrap_or(&settings.device);
-    if name == device::PROCESSOR {
-        return Ok(());
+    let name = name.unwrap_or(&session.settings.device);
+    if name != device::PROCESSOR {
+        how.device = Some(device::find(session.registry, name)?);
     }
-    let kind = device::find(how.session.registry, name)?;
-    let start = |card: Option<&str>| {
-        Server::start(kind, card).map_err(|error| {
-            let on_cores = format!("without `--device {name}` the trials run on cores, with the same bits");
-            Failure::refusal(format!("--device {name}: {error}; {on_cores}"))
-        })
-    };
-    how.devices = match &settings.gpus[..] {
-        [] => vec![start(None)?],
-        cards => cards
-            .iter()
-            .map(|card| start(Some(card)))
-            .collect::<Result<_, _>>()?,
-    };
     if jobs.is_none() {
         how.workers *= workers_of_a_core(name);
     }
     Ok(())
+}
+
+/// Opens a device: on every card of this machine, where it has cards.
+pub(crate) fn open(kind: &DeviceKind, cards: &[String]) -> Result<Vec<Server>, Failure> {
+    let start = |card: Option<&str>| {
+        Server::start(kind, card).map_err(|error| {
+            let name = kind.name;
+            let on_cores = format!("without `--device {name}` the trials run on cores, with the same bits");
+            Failure::refusal(format!("--device {name}: {error}; {on_cores}"))
+        })
+    };
+    match cards {
+        [] => Ok(vec![start(None)?]),
+        cards => cards.iter().map(|card| start(Some(card))).collect(),
+    }
 }

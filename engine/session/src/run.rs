@@ -38,7 +38,7 @@ impl Session<'_> {
         };
         let kind = place(&mut how, planned, options)?;
         let is_here = kind.is_none() && how.hosts.all.is_empty();
-        device::open(&mut how, options.device.as_deref(), options.jobs, is_here)?;
+        device::choose(&mut how, options.device.as_deref(), options.jobs, is_here)?;
         seen::fix(self, planned, store)?;
         // Programs start where the trials do.
         let candidates = match is_here && !options.no_rehearsal {
@@ -97,7 +97,7 @@ impl Session<'_> {
             whole: false,
             ..Compute::of(self, options.jobs)
         };
-        device::open(&mut how, None, Some(options.jobs), true)?;
+        device::choose(&mut how, None, Some(options.jobs), true)?;
         seen::fix(self, planned, self.store()?)?;
         let (part, parts) = options.part;
         let mut exit = Exit::Ok;

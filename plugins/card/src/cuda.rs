@@ -18,9 +18,9 @@ use std::sync::Arc;
 /// Oldest version of the driver's interface that the program knows.
 const OLDEST_DRIVER: i32 = 12000;
 
-/// Arguments of a kernel: `Population` of `population.c`.
+/// Arguments of a kernel: `Population` of `population.cuh`, with addresses on the card and sizes in entries.
 #[repr(C)]
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Arguments {
     states: u64,
     inputs: u64,
@@ -59,12 +59,25 @@ struct LoadedRoutine {
     constants: CudaSlice<f32>,
     /// Memory of the batches that run, which take turns.
     buffers: [Option<Buffers>; 2],
-    /// The launches for a number of runs on one of the buffers, with the addresses for which they were recorded.
-    graphs: BTreeMap<(usize, usize, u32), (Addresses, CudaGraph)>,
+    /// Recorded launches by cohort, buffers and number of runs, with the arguments that they hold.
+    graphs: BTreeMap<(usize, usize, u32), (Arguments, CudaGraph)>,
 }
 
-/// Addresses that launches hold.
-type Addresses = [u64; 6];
+impl LoadedRoutine {
+    /// Launches all kernels, which are recorded where a launch with these arguments is not yet.
+    fn launch(
+        &mut self,
+        stream: &Arc<CudaStream>,
+        key: (usize, usize, u32),
+        arguments: Arguments,
+    ) -> Result<(), Lost> {
+        if self.graphs.get(&key).is_none_or(|(of, _)| *of != arguments) {
+            let graph = record(stream, &self.waves, key.2, &arguments)?;
+            self.graphs.insert(key, (arguments, graph));
+        }
+        self.graphs[&key].1.launch().map_err(lost)
+    }
+}
 
 /// Memory for a number of runs, on the card and, where it is copied, here.
 struct Buffers {
@@ -76,6 +89,61 @@ struct Buffers {
     runs: CudaSlice<u32>,
     inputs_here: PinnedHostSlice<f32>,
     outputs_here: PinnedHostSlice<f32>,
+}
+
+impl Buffers {
+    /// Arguments of a batch whose states, other values and constants have these addresses.
+    fn arguments(
+        &self,
+        stream: &Arc<CudaStream>,
+        batch: &Batch<'_>,
+        [states, values, constants]: [u64; 3],
+    ) -> Arguments {
+        let kernels = batch.kernels;
+        let [inputs, outputs] = [&self.inputs, &self.outputs].map(|buffer| buffer.device_ptr(stream).0);
+        let [tensors, members, runs] =
+            [&self.tensors, &self.members, &self.runs].map(|buffer| buffer.device_ptr(stream).0);
+        Arguments {
+            states,
+            inputs,
+            outputs,
+            values,
+            constants,
+            tensors,
+            members,
+            runs,
+            state_size: batch.state_size as u64,
+            input_size: size(&kernels.inputs) as u64,
+            output_size: size(&kernels.outputs) as u64,
+            value_size: kernels.value_size as u64,
+            run_size: word(kernels.run_size()),
+        }
+    }
+
+    /// Brings members, words and inputs of a batch to the card.
+    fn upload(&mut self, stream: &Arc<CudaStream>, batch: &Batch<'_>) -> Result<(), Lost> {
+        let members = std::iter::once(word(batch.members.len())).chain(batch.members.iter().copied());
+        let members: Vec<u32> = members.collect();
+        stream
+            .memcpy_htod(batch.tensors, &mut self.tensors)
+            .map_err(lost)?;
+        stream.memcpy_htod(&members, &mut self.members).map_err(lost)?;
+        stream
+            .memcpy_htod(&batch.runs.concat(), &mut self.runs)
+            .map_err(lost)?;
+        let mut first = 0;
+        let here = self.inputs_here.as_mut_slice().map_err(lost)?;
+        for inputs in batch.inputs {
+            here[first..][..inputs.len()].copy_from_slice(inputs);
+            first += inputs.len();
+        }
+        if first > 0 {
+            stream
+                .memcpy_htod(&self.inputs_here, &mut self.inputs)
+                .map_err(lost)?;
+        }
+        Ok(())
+    }
 }
 
 /// A batch that runs.
@@ -239,6 +307,30 @@ impl Card {
         Ok(())
     }
 
+    /// Has the outputs of the batch that was launched last, so many entries, copied here, and notes it as one that runs.
+    fn follow(&mut self, routine: usize, length: usize) -> Result<(), Lost> {
+        let turn = self.turn;
+        let loaded = self.routines.get_mut(&routine);
+        let buffers = loaded.and_then(|loaded| loaded.buffers[turn].as_mut());
+        if let Some(Buffers {
+            outputs,
+            outputs_here,
+            ..
+        }) = buffers.filter(|_| length > 0)
+        {
+            self.stream.memcpy_dtoh(outputs, outputs_here).map_err(lost)?;
+        }
+        let done = self.stream.record_event(None).map_err(lost)?;
+        self.flights.push_back(Flight {
+            routine,
+            turn,
+            length,
+            done,
+        });
+        self.turn = 1 - turn;
+        Ok(())
+    }
+
     fn state(&mut self, cohort: usize) -> Result<&mut (usize, CudaSlice<f32>), Lost> {
         self.states.get_mut(&cohort).ok_or_else(|| Lost {
             reason: format!("cohort {cohort} has no memory on the card"),
@@ -286,74 +378,25 @@ impl Backend for Card {
     }
 
     fn start(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<(), Lost> {
-        let kernels = batch.kernels;
         // Few numbers of runs have launches of their own; blocks of places without a run end at once.
         let n_runs = batch.members.len().next_power_of_two();
-        self.provide(routine, kernels, n_runs)?;
+        self.provide(routine, batch.kernels, n_runs)?;
         let (stream, turn) = (Arc::clone(&self.stream), self.turn);
         let states = self.state(cohort)?.1.device_ptr(&stream).0;
-        let values = self
-            .values
-            .as_ref()
-            .map_or(0, |values| values.device_ptr(&stream).0);
+        let values = self.values.as_ref();
+        let values = values.map_or(0, |values| values.device_ptr(&stream).0);
         // `provide` has brought both.
-        let Some(LoadedRoutine {
-            waves,
-            constants,
-            buffers,
-            graphs,
-        }) = self.routines.get_mut(&routine)
-        else {
+        let Some(loaded) = self.routines.get_mut(&routine) else {
             unreachable!("routine {routine} is not loaded")
         };
-        let Some(buffers) = &mut buffers[turn] else {
+        let constants = loaded.constants.device_ptr(&stream).0;
+        let Some(buffers) = &mut loaded.buffers[turn] else {
             unreachable!("routine {routine} has no buffers")
         };
-        upload(&stream, buffers, batch)?;
-        let arguments = Arguments {
-            states,
-            inputs: buffers.inputs.device_ptr(&stream).0,
-            outputs: buffers.outputs.device_ptr(&stream).0,
-            values,
-            constants: constants.device_ptr(&stream).0,
-            tensors: buffers.tensors.device_ptr(&stream).0,
-            members: buffers.members.device_ptr(&stream).0,
-            runs: buffers.runs.device_ptr(&stream).0,
-            state_size: batch.state_size as u64,
-            input_size: size(&kernels.inputs) as u64,
-            output_size: size(&kernels.outputs) as u64,
-            value_size: kernels.value_size as u64,
-            run_size: word(kernels.run_size()),
-        };
-        let addresses = [
-            states,
-            values,
-            arguments.inputs,
-            arguments.outputs,
-            arguments.members,
-            arguments.runs,
-        ];
-        let key = (cohort, turn, word(n_runs));
-        if graphs.get(&key).is_none_or(|(of, _)| *of != addresses) {
-            let graph = record(&stream, waves, word(n_runs), &arguments)?;
-            graphs.insert(key, (addresses, graph));
-        }
-        graphs[&key].1.launch().map_err(lost)?;
-        let length = batch.members.len() * size(&kernels.outputs);
-        if length > 0 {
-            stream
-                .memcpy_dtoh(&buffers.outputs, &mut buffers.outputs_here)
-                .map_err(lost)?;
-        }
-        let done = stream.record_event(None).map_err(lost)?;
-        self.flights.push_back(Flight {
-            routine,
-            turn,
-            length,
-            done,
-        });
-        self.turn = 1 - turn;
-        Ok(())
+        buffers.upload(&stream, batch)?;
+        let arguments = buffers.arguments(&stream, batch, [states, values, constants]);
+        loaded.launch(&stream, (cohort, turn, word(n_runs)), arguments)?;
+        self.follow(routine, batch.members.len() * size(&batch.kernels.outputs))
     }
 
     fn finish(&mut self) -> Result<Vec<f32>, Lost> {
@@ -371,31 +414,6 @@ impl Backend for Card {
         let outputs = buffers.map_or(Ok(&[][..]), |buffers| buffers.outputs_here.as_slice());
         Ok(outputs.map_err(lost)?[..length].to_vec())
     }
-}
-
-/// Brings members, words and inputs of a batch to the card.
-fn upload(stream: &Arc<CudaStream>, buffers: &mut Buffers, batch: &Batch<'_>) -> Result<(), Lost> {
-    let members = std::iter::once(word(batch.members.len())).chain(batch.members.iter().copied());
-    let members: Vec<u32> = members.collect();
-    stream
-        .memcpy_htod(batch.tensors, &mut buffers.tensors)
-        .map_err(lost)?;
-    stream.memcpy_htod(&members, &mut buffers.members).map_err(lost)?;
-    stream
-        .memcpy_htod(&batch.runs.concat(), &mut buffers.runs)
-        .map_err(lost)?;
-    let mut first = 0;
-    let here = buffers.inputs_here.as_mut_slice().map_err(lost)?;
-    for inputs in batch.inputs {
-        here[first..][..inputs.len()].copy_from_slice(inputs);
-        first += inputs.len();
-    }
-    if first > 0 {
-        stream
-            .memcpy_htod(&buffers.inputs_here, &mut buffers.inputs)
-            .map_err(lost)?;
-    }
-    Ok(())
 }
 
 /// All kernels of a routine as one graph, which is launched at once.

@@ -1,7 +1,6 @@
 //! A processor that runs the text of the kernels, for tests of everything but the card itself.
 
 use crate::backend::Backend;
-use crate::compiler;
 use plan::cuda::Batch;
 use plan::cuda::literal::Literal;
 use plan::executor::Lost;
@@ -67,10 +66,6 @@ impl Backend for LiteralProcessor {
         if !self.programs.contains_key(&routine) {
             let program = self.folder.join(format!("routine-{routine}"));
             let compiled = Literal::new(batch.kernels, &program).map_err(|error| lost(&error))?;
-            // Where the compiler for the card is there, it has to take the text, too.
-            if compiler::has_compiler() {
-                compiler::compile(batch.kernels)?;
-            }
             self.programs.insert(routine, compiled);
         }
         let states = &mut self.states.entry(cohort).or_default().1;

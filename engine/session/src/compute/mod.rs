@@ -5,7 +5,7 @@ mod prepare;
 pub(crate) use prepare::Ends;
 pub use prepare::failed_in_words;
 
-use crate::{Exit, Failure, Observer, Planned, Session, Silent, fitting::Machines, loading};
+use crate::{Exit, Failure, Observer, Planned, Session, Silent, device, fitting::Machines, loading};
 use contract::{
     resources::{Capacity, Needs},
     trial::Trial,
@@ -13,13 +13,14 @@ use contract::{
 };
 use document::count::{count, either};
 use execution::{
-    device::Server,
+    device::{DeviceKind, Server},
     limits::Limits,
     pace::Paces,
     scheduler::{self, Event, Task, Workers, hosts::Hosts},
     store::Store,
 };
 use std::{
+    cell::OnceCell,
     collections::{BTreeMap, BTreeSet},
     sync::{
         Arc,
@@ -40,8 +41,10 @@ pub(crate) struct Compute<'a> {
     pub(crate) workers: usize,
     /// The hosts that run trials instead of this machine; empty where there are none.
     pub(crate) hosts: Hosts,
-    /// The devices of learners; none where they compute in the worker processes.
-    pub(crate) devices: Vec<Server>,
+    /// The device of learners; none where they compute in the worker processes.
+    pub(crate) device: Option<&'a DeviceKind>,
+    /// The processes of the device, once a trial was to run.
+    pub(crate) servers: OnceCell<Vec<Server>>,
     /// Whether trials that ended otherwise than `ok` run again.
     pub(crate) retry_failed: bool,
     /// Whether this is the whole command and not a part of one: it looks at what is stored before, and waits
@@ -81,7 +84,8 @@ impl<'a> Compute<'a> {
             fail_fast: false,
             workers,
             hosts: Hosts::default(),
-            devices: Vec::new(),
+            device: None,
+            servers: OnceCell::new(),
             retry_failed: false,
             whole: true,
         }
@@ -112,6 +116,7 @@ impl Compute<'_> {
         for one in planned.iter().filter(runs) {
             loading::try_out(self.session.registry, one)?;
         }
+        self.open_device()?;
         self.session.notice(&format!(
             "running {}{} on {}; the store is `{}`",
             count(tasks.len(), "trial"),
@@ -159,8 +164,8 @@ impl Compute<'_> {
             0 => String::new(),
             hosts => format!(" of {}", count(hosts, "host")),
         };
-        let devices = self.devices.iter().map(|it| format!(" and {}", it.opened.device));
-        let with_devices: String = devices.collect();
+        let servers = self.servers.get().into_iter().flatten();
+        let with_devices: String = servers.map(|it| format!(" and {}", it.opened.device)).collect();
         format!(
             "{processes} worker {}{of_hosts}{with_devices}",
             either(&processes, "process", "processes")
@@ -183,6 +188,7 @@ impl Compute<'_> {
         tasks: &[Task<'_>],
         store: &Store,
     ) -> Result<Ran, Failure> {
+        self.open_device()?;
         let stop = self.session.observer.stop()?;
         let (events, received) = mpsc::channel();
         let mut ran = Ran::default();
@@ -260,6 +266,15 @@ impl Compute<'_> {
         }
     }
 
+    /// Opens the device of learners, where one is wanted and none is open.
+    fn open_device(&self) -> Result<(), Failure> {
+        if let (Some(kind), None) = (self.device, self.servers.get()) {
+            let servers = device::open(kind, &self.session.settings.gpus)?;
+            self.servers.get_or_init(|| servers);
+        }
+        Ok(())
+    }
+
     fn workers(&self, stop: &Arc<AtomicBool>) -> Workers {
         let lease_expiry = self.session.settings.lease_expiry;
         Workers {
@@ -268,7 +283,13 @@ impl Compute<'_> {
                 gpus: self.session.settings.gpus.clone(),
             },
             hosts: self.hosts.clone(),
-            devices: self.devices.iter().map(Server::address).collect(),
+            devices: self
+                .servers
+                .get()
+                .into_iter()
+                .flatten()
+                .map(Server::address)
+                .collect(),
             stop: Arc::clone(stop),
             fail_fast: self.fail_fast,
             wait_for_others: self.whole,

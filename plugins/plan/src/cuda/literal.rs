@@ -10,6 +10,13 @@ use std::process::{Command, Stdio};
 /// Compiler of C++.
 pub const COMPILER: &str = "c++";
 
+/// Whether [`COMPILER`] is on the path.
+#[must_use]
+pub fn has_compiler() -> bool {
+    let asked = Command::new(COMPILER).arg("--version").output();
+    asked.is_ok_and(|answer| answer.status.success())
+}
+
 /// A compiled program.
 #[derive(Debug)]
 pub struct Literal {

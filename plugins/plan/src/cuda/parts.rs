@@ -123,39 +123,42 @@ impl Writer<'_> {
     }
 
     fn add_single(&mut self, value: Value) -> Result<(), NoKernel> {
+        let graph = self.graph;
+        match &graph.nodes[value.0].operation {
+            Operation::Rows(function) => self.add_rows(*function, value),
+            Operation::Dense(activation) => self.add_product(value, [false; 2], Some(*activation)),
+            Operation::Product { transposed } => self.add_product(value, *transposed, None),
+            Operation::Sum => self.add_sum(value),
+            Operation::ClipScale { largest } => self.add_clip_scale(value, *largest),
+            Operation::Join => self.add_join(value),
+            Operation::Extension(extension) => {
+                return Err(NoKernel {
+                    operation: extension.0.name(),
+                });
+            }
+            _ => {
+                let node = &graph.nodes[value.0];
+                let text = self.drawn_or_moved(value);
+                self.add_entries(node.shape[0] * node.shape[1], &node.operands, value, &text);
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws, sums and moves of one thread an entry.
+    fn drawn_or_moved(&self, value: Value) -> String {
         let node = &self.graph.nodes[value.0];
-        let n = node.shape[0] * node.shape[1];
-        let operands = node.operands.clone();
-        let text = match &node.operation {
+        let columns = node.shape[1];
+        // Draws alone have no operands.
+        let operand = node.operands.first().copied().unwrap_or(value);
+        let [rows, width] = self.graph.shape(operand);
+        match node.operation {
             Operation::Normal { index } => format!("c[i] = normal_of(stream_of(run, {index}, i));"),
             Operation::Uniform { index } => format!("c[i] = uniform_of(stream_of(run, {index}, i));"),
             Operation::LogGamma { index } => {
                 format!("c[i] = log_gamma_of(a[i], stream_of(run, {index}, i));")
             }
             Operation::LogGammaSlope => "c[i] = (float)log_gamma_slope((double)a[i], (double)b[i]);".into(),
-            Operation::Rows(function) => return self.add_rows(*function, value),
-            Operation::Dense(activation) => return self.add_product(value, [false; 2], Some(*activation)),
-            Operation::Product { transposed } => return self.add_product(value, *transposed, None),
-            Operation::Sum => return self.add_sum(value),
-            Operation::ClipScale { largest } => return self.add_clip_scale(value, *largest),
-            Operation::Join => return self.add_join(value),
-            Operation::Extension(extension) => {
-                return Err(NoKernel {
-                    operation: extension.0.name(),
-                });
-            }
-            _ => self.moved_or_summed(value),
-        };
-        self.add_entries(n, &operands, value, &text);
-        Ok(())
-    }
-
-    /// Sums and moves of one thread an entry.
-    fn moved_or_summed(&self, value: Value) -> String {
-        let node = &self.graph.nodes[value.0];
-        let columns = node.shape[1];
-        let [rows, width] = self.graph.shape(node.operands[0]);
-        match node.operation {
             Operation::SumRows => format!("c[i] = sum_of_chains(a + i, {rows}, {columns});"),
             Operation::SumColumns => format!("c[i] = sum_of_chains(a + i * {width}, {width}, 1);"),
             Operation::SumGroups { size } => {
@@ -186,7 +189,7 @@ impl Writer<'_> {
         }
     }
 
-    fn add_join(&mut self, value: Value) -> Result<(), NoKernel> {
+    fn add_join(&mut self, value: Value) {
         let node = &self.graph.nodes[value.0];
         let [rows, columns] = node.shape;
         let operands = node.operands.clone();
@@ -209,10 +212,9 @@ impl Writer<'_> {
         let part = self.add_entries(rows * columns, &[], value, &text);
         part.parameters.extend(parts);
         part.reads = operands.iter().map(|value| value.0).collect();
-        Ok(())
     }
 
-    fn add_rows(&mut self, function: RowFunction, value: Value) -> Result<(), NoKernel> {
+    fn add_rows(&mut self, function: RowFunction, value: Value) {
         let node = &self.graph.nodes[value.0];
         let (rows, width) = (node.shape[0], node.shape[1]);
         let operands = node.operands.clone();
@@ -230,15 +232,9 @@ impl Writer<'_> {
             }
         };
         self.add_entries(rows, &operands, value, &text);
-        Ok(())
     }
 
-    fn add_product(
-        &mut self,
-        value: Value,
-        turned: [bool; 2],
-        activation: Option<Activation>,
-    ) -> Result<(), NoKernel> {
+    fn add_product(&mut self, value: Value, turned: [bool; 2], activation: Option<Activation>) {
         let node = &self.graph.nodes[value.0];
         let [rows, columns] = node.shape;
         let inner = self.graph.shape(node.operands[0])[usize::from(!turned[0])];
@@ -263,10 +259,9 @@ impl Writer<'_> {
             reads: node.operands.iter().map(|value| value.0).collect(),
             writes: vec![value.0],
         });
-        Ok(())
     }
 
-    fn add_sum(&mut self, value: Value) -> Result<(), NoKernel> {
+    fn add_sum(&mut self, value: Value) {
         let x = self.graph.nodes[value.0].operands[0];
         let [rows, columns] = self.graph.shape(x);
         self.add_sums(
@@ -275,7 +270,6 @@ impl Writer<'_> {
             rows * columns,
             Some(value.0),
         );
-        Ok(())
     }
 
     /// Adds sums of blocks until one is left, which is written to a memory or to one of its own; its number.
@@ -318,7 +312,7 @@ impl Writer<'_> {
         }
     }
 
-    fn add_clip_scale(&mut self, value: Value, largest: f64) -> Result<(), NoKernel> {
+    fn add_clip_scale(&mut self, value: Value, largest: f64) {
         let mut squares = Vec::new();
         for operand in self.graph.nodes[value.0].operands.clone() {
             let [rows, columns] = self.graph.shape(operand);
@@ -342,7 +336,6 @@ impl Writer<'_> {
         let part = self.add_entries(1, &[], value, &text);
         part.parameters.extend(sums);
         part.reads = squares;
-        Ok(())
     }
 
     fn add_update(&mut self, update: &Update) {

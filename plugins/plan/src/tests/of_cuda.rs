@@ -3,10 +3,13 @@
 #![allow(clippy::cast_possible_truncation, reason = "members and entries are few")]
 
 use super::*;
-use crate::cuda::literal::Literal;
+use crate::cuda::literal::{Literal, has_compiler};
 use crate::cuda::{Batch, Kernels, NoKernel, size};
 use crate::operations::{Function, Pair};
 use std::collections::BTreeMap;
+
+#[path = "../../../../tests/skipped.rs"]
+mod skipped;
 
 /// Members in memory, and the places of those that run, in their order.
 const N_MEMBERS: usize = 4;
@@ -23,6 +26,9 @@ struct Member {
 /// Asserts that kernels of the routine `all` give members the bits of a run alone on the processor, `n_runs` times.
 /// `limits` are those of the entries of leaves, by name.
 fn assert_equal_bits(graph: &Graph, n_runs: u64, limits: impl Fn(&str) -> [f64; 2]) {
+    if !has_compiler() {
+        return skipped::skip("`c++` is not on the path", "`apt-get install g++` installs it");
+    }
     let folder = tempfile::tempdir().unwrap();
     let kernels = Kernels::new(graph, graph.routine_named("all").unwrap()).unwrap();
     let literal = Literal::new(&kernels, &folder.path().join("kernels")).unwrap();
