@@ -1,6 +1,6 @@
 //! The device on which the learners of a run compute.
 
-use crate::{Failure, compute::Compute};
+use crate::{Failure, Session};
 use execution::device::{self, DeviceKind, Server};
 
 /// Worker processes for each core: eight with a device, so that while it computes for one the environment of another goes
@@ -9,32 +9,29 @@ pub(crate) fn workers_of_a_core(device: &str) -> usize {
     if device == device::PROCESSOR { 1 } else { 8 }
 }
 
-/// Notes the device that a run wants: the one of this name, else that of the machine. Nothing is opened yet.
-pub(crate) fn choose(
-    how: &mut Compute<'_>,
+/// Finds the device that a run wants: the one of this name, else that of the machine; none where learners compute in the
+/// worker processes. Nothing is opened yet.
+pub(crate) fn choose<'a>(
+    session: &Session<'a>,
     name: Option<&str>,
-    jobs: Option<usize>,
     is_here: bool,
-) -> Result<(), Failure> {
-    let session = how.session;
-    if !is_here {
-        let said = name.filter(|name| *name != device::PROCESSOR);
+) -> Result<Option<&'a DeviceKind>, Failure> {
+    let name = match name {
         // Workers elsewhere read `regimen.toml` themselves.
-        return said.map_or(Ok(()), |name| {
-            Err(Failure::refusal(format!(
-                "--device {name} is about this machine, and an executor computes the trials on others: write `device = \
-                 \"{name}\"` in the regimen.toml that they read"
-            )))
-        });
+        None if !is_here => device::PROCESSOR,
+        None => &session.settings.device,
+        Some(name) => name,
+    };
+    if name == device::PROCESSOR {
+        return Ok(None);
     }
-    let name = name.unwrap_or(&session.settings.device);
-    if name != device::PROCESSOR {
-        how.device = Some(device::find(session.registry, name)?);
+    if !is_here {
+        return Err(Failure::refusal(format!(
+            "--device {name} is about this machine, and an executor computes the trials on others: write `device = \
+             \"{name}\"` in the regimen.toml that they read"
+        )));
     }
-    if jobs.is_none() {
-        how.workers *= workers_of_a_core(name);
-    }
-    Ok(())
+    Ok(Some(device::find(session.registry, name)?))
 }
 
 /// Opens a device: on every card of this machine, where it has cards.

@@ -38,7 +38,10 @@ impl Session<'_> {
         };
         let kind = place(&mut how, planned, options)?;
         let is_here = kind.is_none() && how.hosts.all.is_empty();
-        device::choose(&mut how, options.device.as_deref(), options.jobs, is_here)?;
+        how.device = device::choose(self, options.device.as_deref(), is_here)?;
+        if let (Some(device), None) = (how.device, options.jobs) {
+            how.workers *= device::workers_of_a_core(device.name);
+        }
         seen::fix(self, planned, store)?;
         // Programs start where the trials do.
         let candidates = match is_here && !options.no_rehearsal {
@@ -97,7 +100,7 @@ impl Session<'_> {
             whole: false,
             ..Compute::of(self, options.jobs)
         };
-        device::choose(&mut how, None, Some(options.jobs), true)?;
+        how.device = device::choose(self, None, true)?;
         seen::fix(self, planned, self.store()?)?;
         let (part, parts) = options.part;
         let mut exit = Exit::Ok;
