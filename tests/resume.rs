@@ -49,6 +49,9 @@ fn part(name: &str, about: &contract::plugin::About) -> Part {
     Part::new(name, about.version, shrunk(about, &small()))
 }
 
+/// Environments whose steps cost much: the blocks of a final measurement are looked at in others.
+const SLOW: [&str; 3] = ["battery", "turbofan_calibration", "uav_fleet"];
+
 /// A small trial of an agent with every environment and protocol, whether it fits them or not.
 pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
     let mut keys = Vec::new();
@@ -66,7 +69,13 @@ pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
                 let config = (protocol_entry.without_training)(&key.protocol.config).unwrap();
                 Arc::make_mut(&mut key.protocol).config = config;
             }
-            key.protocol = with_sources(Arc::unwrap_or_clone(key.protocol)).into();
+            let mut protocol = Arc::unwrap_or_clone(key.protocol);
+            for key in ["final_episodes", "final_examples"] {
+                if let (true, Some(count)) = (SLOW.contains(&environment), protocol.config.get_mut(key)) {
+                    *count = 6.into();
+                }
+            }
+            key.protocol = with_sources(protocol).into();
             keys.push(key);
         }
     }
@@ -81,26 +90,15 @@ fn outcome(registry: &Registry, key: &TrialKey) -> Option<Outcome> {
         .and_then(Result::ok)
 }
 
-/// Every trial of a learning agent with an environment and a protocol in which it can learn; under `track` and `gather`
-/// nothing is learned, whatever agents record.
-fn trials(registry: &Registry, agent: &str) -> Vec<(TrialKey, Outcome)> {
-    let metrics = &registry.agents[agent].traits.metrics;
-    let learned = |outcome: &Outcome| {
-        outcome
-            .names
-            .iter()
-            .any(|name| metrics.iter().any(|metric| metric.name == *name))
-    };
-    let with_outcome = |key| {
-        outcome(registry, &key)
-            .filter(learned)
-            .map(|outcome| (key, outcome))
-    };
-    keys(registry, agent)
-        .into_iter()
-        .filter(|key| !["track", "gather"].contains(&key.protocol.plugin.as_str()) && !costs_too_much(key))
-        .filter_map(with_outcome)
-        .collect()
+/// Whether an agent learned in a trial: whether it recorded what it declares.
+fn learned(registry: &Registry, key: &TrialKey, outcome: &Outcome) -> bool {
+    let agent = key
+        .agent
+        .agent()
+        .map(|agent| &registry.agents[agent.plugin.as_str()]);
+    let metrics = agent.map_or(&[][..], |agent| &agent.traits.metrics);
+    let of_agent = |name: &String| metrics.iter().any(|metric| metric.name == *name);
+    outcome.names.iter().any(of_agent)
 }
 
 /// True where every step trains networks, for agents and protocols that are looked at in other environments.
@@ -223,29 +221,40 @@ fn run_interrupted(
     panic!("the last process ends with the trial")
 }
 
+/// States of agent, environment and protocol do not depend on each other. Every two of them that go together meet in some
+/// trial that is stopped; a protocol that is new to the agent or to the environment is looked at closely.
 #[test]
 fn a_trial_that_is_interrupted_ends_as_one_that_is_not() {
     let registry = registry();
     let mut met = BTreeSet::new();
     for (name, _) in acting(&registry).filter(|(_, entry)| entry.traits.learns()) {
-        let trials = trials(&registry, name);
-        assert!(
-            !trials.is_empty(),
-            "no environment and protocol in which {name} learns"
-        );
-        for (key, whole) in trials {
+        let mut learns = false;
+        // Under `track` and `gather` nothing is learned, whatever agents record.
+        for key in keys(&registry, name) {
             let (environment, protocol) = (&key.environment.plugin, &key.protocol.plugin);
+            let pairs = [(name, &**protocol), (environment, protocol), (name, environment)]
+                .map(|(one, other)| (one.to_string(), other.to_string()));
+            let is_new = pairs.each_ref().map(|pair| !met.contains(pair));
+            let learns_nothing = ["track", "gather"].contains(&protocol.as_str());
+            if is_new == [false; 3] || learns_nothing || costs_too_much(&key) {
+                continue;
+            }
+            let Some(whole) = outcome(&registry, &key).filter(|it| learned(&registry, &key, it)) else {
+                continue;
+            };
+            learns = true;
             let place = format!("{name}, {environment}, {protocol}");
             let last = opportunities(&registry, &key);
             assert!(last > 20, "{place}: {last} opportunities to save");
             stopped_again_and_again(&registry, (&key, &place), &whole, last);
-            // States of agents and environments do not depend on each other: each is looked at closely once.
-            let mut first = |plugin: &str| met.insert((plugin.to_string(), protocol.clone()));
-            if first(name) | first(environment) {
+            // The agent that trains networks at every step is looked at closely elsewhere.
+            if (is_new[0] || is_new[1]) && environment != "generator_search" {
                 stopped_once(&registry, (&key, &place), &whole, last);
                 killed_again_and_again(&registry, (&key, &place), &whole, last);
             }
+            met.extend(pairs);
         }
+        assert!(learns, "no environment and protocol in which {name} learns");
     }
 }
 
@@ -291,8 +300,12 @@ fn measurements_of_an_agent_that_does_not_learn_are_interrupted_without_a_trace(
             assert_eq!(measured, [0, 24, 48, 72].into(), "{name}, {protocol}");
             // Before each measurement, and between the two blocks of the final one.
             let last = opportunities(&registry, &key);
+            let is_slow = SLOW.contains(&key.environment.plugin.as_str());
             // An agent that remembers plays every episode alone: four times 3, and 260 at the end.
-            assert!([6, 4 * 3 + 260].contains(&last), "{name}, {protocol}: {last}");
+            assert!(
+                [6, 4 * 3 + 260].contains(&last) || is_slow && [5, 4 * 3 + 6].contains(&last),
+                "{name}, {protocol}: {last}"
+            );
             for at in [1, last] {
                 let (outcome, _) = run_interrupted(&registry, &key, [End::Stopped(at), End::Never]);
                 assert!(
@@ -300,7 +313,9 @@ fn measurements_of_an_agent_that_does_not_learn_are_interrupted_without_a_trace(
                     "{name}, {protocol}: stopped once, at {at} of {last}"
                 );
             }
-            let (outcome, stops) = run_interrupted(&registry, &key, (0..).map(|_| End::Stopped(2)));
+            // An agent that remembers is asked before each of 272 episodes.
+            let stop = End::Stopped(last / 8 + 2);
+            let (outcome, stops) = run_interrupted(&registry, &key, (0..).map(|_| stop));
             assert!(
                 stops >= 4 && outcome == whole,
                 "{name}, {protocol}: stopped {stops} times"
