@@ -59,6 +59,35 @@ fn trials_on_a_device_have_the_digests_of_trials_on_cores() {
     assert!(compiled >= 8, "{compiled} files of programs");
 }
 
+/// Trials that a device computes many of at once take longer each: their times tell nothing of cores.
+#[test]
+fn a_plan_says_how_long_missing_trials_take_on_cores_and_on_the_device() {
+    if needs::program("c++").is_none() {
+        return;
+    }
+    let bench = Bench::new();
+    bench.write("small.yaml", STUDY);
+    let ran = bench.run_misused(&["run", "small.yaml", "--seeds", "1", "--device", "literal"]);
+    assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
+    let plan = bench.ok(&["plan", "small.yaml"]);
+    assert!(
+        plan.contains("6 missing: no stored trial tells how long"),
+        "{plan}"
+    );
+    assert!(plan.contains("with --device literal: about"), "{plan}");
+    bench.ok(&["run", "small.yaml", "--seeds", "2"]);
+    let plan = bench.ok(&["plan", "small.yaml"]);
+    assert!(plan.contains("3 missing: about"), "{plan}");
+    let json: serde_json::Value =
+        serde_json::from_str(&bench.ok(&["plan", "small.yaml", "--format", "json"])).unwrap();
+    let (cores, device) = (&json["estimate"], &json["estimate_on_devices"][0]);
+    assert_eq!(
+        (&device["device"], &device["missing"]),
+        (&"literal".into(), &3.into())
+    );
+    assert_ne!(cores["worker_s"], device["worker_s"], "{json}");
+}
+
 #[test]
 fn a_lost_device_loses_no_trial_and_cores_go_on_to_the_same_digests() {
     if needs::program("c++").is_none() {

@@ -140,6 +140,7 @@ fn acknowledge(store: &Store, trial: &Trial) {
         reason: String::new(),
         wall_s: 1.0,
         decision_s: None,
+        device: None,
         digest: "0".repeat(32),
     };
     let file = TrialFile::new(trial, end, BTreeMap::new());

@@ -88,6 +88,7 @@ fn fill(study: &Path, root: &Path, rows: u64) -> usize {
             reason: String::new(),
             wall_s: 1.0,
             decision_s: None,
+            device: None,
             digest: contract::digest::of_bytes(&bytes),
         };
         let folder = store.folder(&trial.id);

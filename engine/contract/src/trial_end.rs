@@ -68,6 +68,9 @@ pub struct TrialEnd {
     /// Mean wall-clock time of a decision of the final measurement, in seconds; `None` where none was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decision_s: Option<f64>,
+    /// Name of the device on which the run computed learners, for many trials at once; `None` for processors alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub device: Option<String>,
     /// Hash of the metrics file, empty where there is none.
     pub digest: String,
 }

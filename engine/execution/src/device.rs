@@ -194,12 +194,33 @@ fn tell(answer: &Answer) {
     let _ = writeln!(output, "{line}").and_then(|()| output.flush());
 }
 
+/// A worker's connection to the device of its run.
+pub struct Connection {
+    /// Name of the device.
+    pub name: &'static str,
+    device: Box<dyn Device>,
+}
+
+impl Connection {
+    /// Runs a trial whose learners compute on the device.
+    ///
+    /// # Errors
+    /// [`Error::Device`] where the device is lost while the trial runs.
+    pub fn during(&self, trial: &mut dyn FnMut()) -> Result<(), Error> {
+        self.device.during(trial)
+    }
+}
+
 /// The device that the value of [`VARIABLE`] names.
 ///
 /// # Errors
 /// [`Error::Device`] where it is unknown or its process cannot be reached.
-pub fn connect(registry: &Registry, address: &str) -> Result<Box<dyn Device>, Error> {
+pub fn connect(registry: &Registry, address: &str) -> Result<Connection, Error> {
     let (name, socket) = address.split_once('=').unwrap_or((address, ""));
     let kind = find(registry, name)?;
-    (kind.connect)(Path::new(socket)).map_err(|problem| Error::Device { problem })
+    let connected = (kind.connect)(Path::new(socket)).map_err(|problem| Error::Device { problem });
+    connected.map(|device| Connection {
+        name: kind.name,
+        device,
+    })
 }

@@ -85,6 +85,7 @@ mod tests {
             reason: String::new(),
             wall_s,
             decision_s: None,
+            device: None,
             digest: String::new(),
         };
         let [well, dear, failed] = [

@@ -136,6 +136,7 @@ impl RunCollection {
                 reason: String::new(),
                 wall_s: 0.0,
                 decision_s: None,
+                device: None,
                 digest: String::new(),
             })),
             names: names.into(),

@@ -125,6 +125,7 @@ pub(super) mod tests {
                     reason,
                     wall_s: 1.5,
                     decision_s: None,
+                    device: None,
                     digest: String::new(),
                 }),
             )

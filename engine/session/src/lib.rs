@@ -74,7 +74,7 @@ pub use searches::{exit_of_searches, lines as searches_in_words};
 pub use selection::{MachineOptions, Selection};
 pub use settings::Settings;
 pub use stages::{lines as stages_in_words, of as stages};
-pub use state::StudyState;
+pub use state::{DeviceEstimate, StudyState};
 pub use verify::{Verifiable, VerifyOptions, exit_of_receipt};
 pub use waiting::Waiting;
 pub use worker::serve_if_asked;

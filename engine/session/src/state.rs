@@ -1,13 +1,14 @@
 //! How far a study is: how its trials ended, what the missing ones wait for, and what they will cost.
 
-use crate::{Failure, Planned, Session, planned::total_steps, waiting::Waiting};
+use crate::{Failure, Planned, Session, device::workers_of_a_core, planned::total_steps, waiting::Waiting};
 use contract::{
     Registry,
     trial::Trial,
     trial_end::{TrialEnd, is_missing},
 };
 use execution::store::StoredCell;
-use std::sync::Arc;
+use serde::Serialize;
+use std::{collections::BTreeSet, sync::Arc};
 use study::plan::{self, Estimate, Novelty};
 
 /// Stored trials among which the nearest to a missing one is looked for.
@@ -22,6 +23,20 @@ pub struct StudyState {
     /// The missing trials that take what others leave.
     pub waiting: Waiting,
     /// About how long the missing trials take.
+    pub estimate: Estimate,
+    /// The same on each device on which stored trials were computed.
+    pub on_devices: Vec<DeviceEstimate>,
+}
+
+/// About how long missing trials take on a device.
+#[derive(Debug, Clone, Serialize)]
+pub struct DeviceEstimate {
+    /// Name of the device.
+    pub device: String,
+    /// Worker processes of a run on it.
+    pub workers: usize,
+    /// The time.
+    #[serde(flatten)]
     pub estimate: Estimate,
 }
 
@@ -50,12 +65,20 @@ impl Session<'_> {
             false => store.cells(&known, 0),
         };
         let waiting = Waiting::of(trials, &ends, store);
+        let estimate = |device: Option<&str>| estimate(self.registry, (one, &ends), &waiting, device, &cells);
+        let devices: BTreeSet<&String> = cells.iter().filter_map(|cell| cell.device.as_ref()).collect();
+        let on_device = |device: &String| DeviceEstimate {
+            device: device.clone(),
+            workers: self.settings.workers * workers_of_a_core(device),
+            estimate: estimate(Some(device)),
+        };
         Ok(StudyState {
             novelties: match explained {
                 true => plan::novelties(trials, &ends, &cells),
                 false => Vec::new(),
             },
-            estimate: estimate(self.registry, one, &ends, &waiting, &cells),
+            estimate: estimate(None),
+            on_devices: devices.into_iter().map(on_device).collect(),
             waiting,
             ends,
         })
@@ -70,17 +93,19 @@ fn known<'a>(trials: &'a [Arc<Trial>], ends: &'a [Option<TrialEnd>]) -> Vec<(&'a
         .collect()
 }
 
-/// An estimate for the trials that are missing and not blocked, from stored ones.
+/// An estimate for the trials that are missing and not blocked, from stored ones of a device.
 fn estimate(
     registry: &Registry,
-    one: &Planned,
-    ends: &[Option<TrialEnd>],
+    (one, ends): (&Planned, &[Option<TrialEnd>]),
     waiting: &Waiting,
+    device: Option<&str>,
     stored: &[StoredCell],
 ) -> Estimate {
     let trials = one.plan.trials.iter().zip(&one.costs).zip(ends).enumerate();
     let missing = trials
         .filter(|(index, (_, end))| is_missing(end.as_ref()) && !waiting.is_blocked(*index))
         .map(|(_, ((trial, cost), _))| (&**trial, *cost));
-    plan::estimate(missing, stored, |key| total_steps(registry, key).unwrap_or(0))
+    plan::estimate(missing, device, stored, |key| {
+        total_steps(registry, key).unwrap_or(0)
+    })
 }

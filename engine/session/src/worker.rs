@@ -46,6 +46,6 @@ pub fn serve_if_asked(registry: impl FnOnce() -> Registry) -> Option<Result<Exit
         .map(|address| device::connect(&registry, &address))
         .transpose();
     let served =
-        device.and_then(|device| scheduler::serve(&registry, device.as_deref(), input, std::io::stdout()));
+        device.and_then(|device| scheduler::serve(&registry, device.as_ref(), input, std::io::stdout()));
     Some(served.map(|()| ExitCode::SUCCESS).map_err(Failure::from))
 }

@@ -86,6 +86,7 @@ fn end(state: EndState, reason: &str) -> TrialEnd {
         reason: reason.into(),
         wall_s: 1.0,
         decision_s: None,
+        device: None,
         digest: String::new(),
     }
 }

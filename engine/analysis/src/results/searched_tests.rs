@@ -177,6 +177,7 @@ fn result(
         reason: String::new(),
         wall_s: 1.0,
         decision_s: None,
+        device: None,
         digest: String::new(),
     });
     TrialResult {

@@ -4,7 +4,7 @@ use super::Format;
 use contract::trial_end::{EndState, TrialEnd};
 use document::count::{count, duration};
 use serde_json::json;
-use session::{Planned, Session, StudyState};
+use session::{DeviceEstimate, Planned, Session, StudyState};
 use std::collections::BTreeMap;
 use study::plan::{self, Estimate};
 
@@ -24,6 +24,7 @@ pub(super) fn overview(
         }
         overview["waiting"] = state.waiting.to_json();
         overview["estimate"] = json!(state.estimate);
+        overview["estimate_on_devices"] = json!(state.on_devices);
         return overview.to_string();
     }
     let mut lines = vec![format!(
@@ -45,6 +46,8 @@ pub(super) fn overview(
         failed,
         session.settings.workers,
     ));
+    let missing = |it: &&DeviceEstimate| it.estimate.missing > 0;
+    lines.extend(state.on_devices.iter().filter(missing).map(device_line));
     lines.join("\n")
 }
 
@@ -151,11 +154,25 @@ fn cost_line(estimate: &Estimate, blocked: usize, failed: usize, workers: usize)
     }
 }
 
+/// As in `with --device cuda: about 20 s on 16 workers`.
+fn device_line(on_device: &DeviceEstimate) -> String {
+    let DeviceEstimate {
+        device,
+        workers,
+        estimate,
+    } = on_device;
+    format!("  with --device {device}: {}", time(estimate, *workers))
+}
+
 /// As in `60 missing: about 3 min on 2 workers, and 20 trials unlike any that is stored`.
 fn in_words(estimate: &Estimate, workers: usize) -> String {
+    format!("{} missing: {}", estimate.missing, time(estimate, workers))
+}
+
+fn time(estimate: &Estimate, workers: usize) -> String {
     let Estimate { missing, unknown, .. } = *estimate;
     if unknown == missing {
-        return format!("{missing} missing: no stored trial tells how long");
+        return "no stored trial tells how long".into();
     }
     #[allow(clippy::cast_precision_loss, reason = "an estimate")]
     let about = duration(estimate.worker_s / workers.max(1) as f64);
@@ -163,10 +180,7 @@ fn in_words(estimate: &Estimate, workers: usize) -> String {
         0 => String::new(),
         _ => format!(", and {} unlike any that is stored", count(unknown, "trial")),
     };
-    format!(
-        "{missing} missing: about {about} on {}{rest}",
-        count(workers, "worker")
-    )
+    format!("about {about} on {}{rest}", count(workers, "worker"))
 }
 
 #[cfg(test)]

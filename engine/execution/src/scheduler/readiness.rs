@@ -95,6 +95,7 @@ mod tests {
                 reason: "told".into(),
                 wall_s: 0.0,
                 decision_s: None,
+                device: None,
                 digest: String::new(),
             };
             store.acknowledge(trial, end).unwrap();

@@ -415,6 +415,7 @@ impl<'a, R: Runner> Slot<'a, R> {
             reason,
             wall_s,
             decision_s: None,
+            device: None,
             digest: String::new(),
         };
         // The process may have stored its trial and died before it could say so.

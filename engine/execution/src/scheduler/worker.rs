@@ -1,7 +1,7 @@
 //! The inside of a worker process, which runs one trial for each line of input.
 
 use crate::{
-    device::Device,
+    device::Connection,
     store::{RunningTrial, Store},
     world::{clock, fs},
 };
@@ -100,7 +100,7 @@ pub enum Reply {
 /// [`Error::Worker`] where the other side is gone.
 pub fn serve(
     registry: &Registry,
-    device: Option<&dyn Device>,
+    device: Option<&Connection>,
     input: impl BufRead + Send + 'static,
     mut replies: impl Write,
 ) -> Result<(), Error> {
@@ -174,7 +174,7 @@ impl Stops {
 
 /// Runs a trial and reports its end.
 pub(super) fn run(
-    parts: (&Registry, Option<&dyn Device>),
+    parts: (&Registry, Option<&Connection>),
     request: &Request,
     stops: &Stops,
     replies: &mut impl Write,
@@ -195,15 +195,15 @@ pub(super) fn run(
 /// Runs the trial and stores its end, or its record at the pause; an error concerns the store or an artifact
 /// in it.
 fn attempt(
-    (registry, device): (&Registry, Option<&dyn Device>),
+    (registry, device): (&Registry, Option<&Connection>),
     request: &Request,
     stops: &Stops,
     replies: &mut impl Write,
 ) -> Result<Reply, Error> {
-    let (store, trial) = (
-        Store::at(&request.store).by(registry.build.clone()),
-        &request.trial,
-    );
+    let store = Store::at(&request.store)
+        .by(registry.build.clone())
+        .on(device.map(|device| device.name));
+    let trial = &request.trial;
     let mut told = clock::now();
     let mut progress = |done, total| {
         if clock::since(told) > Duration::from_millis(200) {
@@ -255,6 +255,7 @@ fn answered(
         reason: brief(reason),
         wall_s,
         decision_s: None,
+        device: None,
         digest: String::new(),
     };
     let folder = store.folder(&trial.id);

@@ -145,7 +145,7 @@ impl Store {
         Ok(Some(packed.unwrap_or((text, trial))))
     }
 
-    /// The distinct combinations of parts in the store, each with its seeds.
+    /// The distinct combinations of parts and device in the store, each with its seeds.
     ///
     /// `known` are trials that are known to be stored, with their ends; at most `most` others are read.
     /// Faulty files are skipped.
@@ -162,19 +162,23 @@ impl Store {
             .par_iter()
             .filter_map(|id| Some((id.as_str(), self.stored(id).ok()??)))
             .collect();
-        let mut cells: BTreeMap<([&str; 3], u32), (&str, BTreeSet<u64>, Took)> = BTreeMap::new();
+        let mut cells: BTreeMap<_, (&str, BTreeSet<u64>, Took)> = BTreeMap::new();
         for (id, trial) in &others {
             let parts = trial.parts.each_ref().map(String::as_str);
             let cell = cells
-                .entry((parts, trial.numerics))
+                .entry((parts, trial.numerics, &trial.end.device))
                 .or_insert_with(|| (id, BTreeSet::new(), Took::default()));
             cell.1.insert(trial.seed);
             cell.2.add(took(&trial.end));
         }
-        let cells: Vec<_> = cells.into_values().collect();
-        let cell = |(id, seeds, took)| {
-            let key = self.file(id).ok()??.key;
-            Some(StoredCell { key, seeds, took })
+        let cells: Vec<_> = cells.into_iter().collect();
+        let cell = |((_, _, device), (id, seeds, took)): ((_, _, &Option<String>), (&str, _, _))| {
+            Some(StoredCell {
+                key: self.file(id).ok()??.key,
+                seeds,
+                device: device.clone(),
+                took,
+            })
         };
         let others = cells.into_par_iter().filter_map(cell).collect::<Vec<_>>();
         of_plan(known).into_iter().chain(others).collect()
@@ -218,9 +222,12 @@ impl Store {
 /// elsewhere are joined where combinations are compared.
 fn of_plan(trials: &[(&Trial, &TrialEnd)]) -> Vec<StoredCell> {
     trials
-        .chunk_by(|(one, _), (other, _)| one.key.shares_parts(&other.key))
+        .chunk_by(|(one, its_end), (other, end)| {
+            one.key.shares_parts(&other.key) && its_end.device == end.device
+        })
         .map(|cell| StoredCell {
             key: cell[0].0.key.clone(),
+            device: cell[0].1.device.clone(),
             seeds: cell.iter().map(|(trial, _)| trial.key.seed).collect(),
             took: cell.iter().fold(Took::default(), |mut sum, (_, end)| {
                 sum.add(took(end));
@@ -323,6 +330,7 @@ mod tests {
             reason: "told".into(),
             wall_s: 1.0,
             decision_s: None,
+            device: None,
             digest: String::new(),
         };
         store.acknowledge(trial, end).unwrap();

@@ -96,6 +96,8 @@ pub struct Store {
     root: PathBuf,
     /// Source code that is stored as that of the program which computed a trial.
     build: Option<Build>,
+    /// Device that is stored as that of the run which computed a trial.
+    device: Option<String>,
     packs: Arc<pack::Packs>,
     /// The bucket by which the trials are shared with other machines.
     bucket: Option<Bucket>,
@@ -189,6 +191,7 @@ impl Store {
         Self {
             root: root.into(),
             build: None,
+            device: None,
             packs: Arc::default(),
             bucket: None,
         }
@@ -198,6 +201,13 @@ impl Store {
     #[must_use]
     pub fn by(self, build: Option<Build>) -> Self {
         Self { build, ..self }
+    }
+
+    /// The same store, for a process whose trials have this device beside the processor.
+    #[must_use]
+    pub fn on(self, device: Option<&str>) -> Self {
+        let device = device.map(Into::into);
+        Self { device, ..self }
     }
 
     /// Folder of the store.
@@ -237,6 +247,7 @@ impl Store {
             reason: String::new(),
             wall_s,
             decision_s: record.decision_s(),
+            device: self.device.clone(),
             digest: digest::of_bytes(&bytes),
         };
         self.acknowledge_with(trial, end, artifacts::exported(&folder)?)
@@ -603,6 +614,7 @@ mod tests {
             reason: "told".into(),
             wall_s: 1.0,
             decision_s: None,
+            device: None,
             digest: String::new(),
         }
     }

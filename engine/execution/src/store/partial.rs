@@ -319,6 +319,7 @@ mod tests {
             reason: String::new(),
             wall_s: 1.0,
             decision_s: None,
+            device: None,
             digest: String::new(),
         }
     }

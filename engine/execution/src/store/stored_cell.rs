@@ -1,4 +1,4 @@
-//! The trials of one combination of parts that a store holds.
+//! The trials of one combination of parts that a store holds, device by device.
 
 use contract::trial::TrialKey;
 use std::collections::BTreeSet;
@@ -10,6 +10,8 @@ pub struct StoredCell {
     pub key: TrialKey,
     /// The seeds of all of them.
     pub seeds: BTreeSet<u64>,
+    /// Device of the runs that computed them; `None` for processors alone.
+    pub device: Option<String>,
     /// Time of the trials that ended well.
     pub took: Took,
 }

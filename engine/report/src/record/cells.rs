@@ -177,6 +177,7 @@ impl RecordedTrial {
         TrialEnd {
             state: self.failed.unwrap_or(EndState::Ok),
             reason: self.reason.clone(),
+            device: None,
             wall_s: self.wall_s.or(mean_wall_s).unwrap_or_default(),
             decision_s: self.decision_s,
             digest: String::new(),

@@ -21,9 +21,11 @@ pub struct Estimate {
     pub worker_s: f64,
 }
 
-/// An estimate for missing trials, each with its steps; `steps` are those of a stored trial.
+/// An estimate for missing trials, each with its steps, on a device or on processors alone, from trials that were computed
+/// there; `steps` are those of a stored trial.
 pub fn estimate<'t>(
     missing: impl IntoIterator<Item = (&'t Trial, u64)>,
+    device: Option<&str>,
     stored: &[StoredCell],
     steps: impl Fn(&TrialKey) -> u64,
 ) -> Estimate {
@@ -31,7 +33,8 @@ pub fn estimate<'t>(
     let cells: Vec<_> = missing
         .chunk_by(|(one, _), (other, _)| one.key.shares_parts(&other.key))
         .collect();
-    let mut search = Search::new(stored, cells.len());
+    let there = stored.iter().filter(|cell| cell.device.as_deref() == device);
+    let mut search = Search::new(there, cells.len());
     let mut known = HashMap::new();
     let mut estimate = Estimate {
         missing: missing.len(),

@@ -46,11 +46,11 @@ pub(super) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    pub(super) fn new(stored: &'a [StoredCell], n_cells: usize) -> Self {
+    pub(super) fn new(stored: impl IntoIterator<Item = &'a StoredCell>, n_cells: usize) -> Self {
         let mut catalogue = Catalogue::default();
         let mut combinations: BTreeMap<IndexedParts, StoredParts<'a>> = BTreeMap::new();
         // In the order of their content, so that among equally near ones always the same is found.
-        let mut ordered: Vec<&StoredCell> = stored.iter().collect();
+        let mut ordered: Vec<&StoredCell> = stored.into_iter().collect();
         ordered.sort_by_cached_key(|cell| serde_json::to_string(&cell.key).unwrap_or_default());
         for cell in ordered {
             let combination = catalogue.combination(&cell.key);

@@ -37,6 +37,7 @@ fn stored(key: TrialKey, seeds: &[u64]) -> StoredCell {
     StoredCell {
         key,
         seeds: seeds.iter().copied().collect(),
+        device: None,
         took: Took::default(),
     }
 }
@@ -190,6 +191,7 @@ fn end_states_are_reasons_of_their_own() {
             reason: String::new(),
             wall_s: 1.0,
             decision_s: None,
+            device: None,
             digest: String::new(),
         })
     };
@@ -281,7 +283,29 @@ fn estimated(key: &TrialKey, others: &[StoredCell]) -> Estimate {
         .collect();
     let steps = |key: &TrialKey| key.protocol.config["steps"].as_u64().unwrap_or(0);
     let trials = planned(key, 5..7);
-    estimate(trials.iter().map(|trial| (trial, steps(key))), &stored, steps)
+    estimate(
+        trials.iter().map(|trial| (trial, steps(key))),
+        None,
+        &stored,
+        steps,
+    )
+}
+
+#[test]
+fn times_on_a_device_and_on_processors_are_told_apart() {
+    let timed = |device: Option<&str>, wall_s| StoredCell {
+        device: device.map(Into::into),
+        took: Took::once(wall_s),
+        ..stored(key(), &[0])
+    };
+    let stored = [timed(None, 60.0), timed(Some("cuda"), 600.0)];
+    let trials = planned(&key(), 5..7);
+    let on = |device: Option<&str>| {
+        let estimate = estimate(trials.iter().map(|trial| (trial, 1)), device, &stored, |_| 1);
+        (estimate.unknown, estimate.worker_s)
+    };
+    assert_eq!((on(None), on(Some("cuda"))), ((0, 120.0), (0, 1200.0)));
+    assert_eq!(on(Some("other")), (2, 0.0));
 }
 
 #[test]

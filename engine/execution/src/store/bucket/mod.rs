@@ -329,6 +329,7 @@ mod tests {
             reason: "told".into(),
             wall_s,
             decision_s: None,
+            device: None,
             digest: String::new(),
         };
         one.acknowledge(&trial, failed(1.0)).unwrap();
@@ -355,6 +356,7 @@ mod tests {
             reason: String::new(),
             wall_s: 1.0,
             decision_s: None,
+            device: None,
             digest: String::new(),
         };
         let mut record = Recorder::default();

@@ -41,6 +41,9 @@ struct Origin {
     build: Option<Build>,
     /// Whether the ends of its trials have a date.
     dated: bool,
+    /// Device of the runs that computed its trials.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    device: Option<String>,
 }
 
 /// The part of an outline besides its origin.
@@ -124,6 +127,7 @@ impl OutlineWriter {
             numerics: trial.numerics,
             build: trial.build.clone(),
             dated,
+            device: trial.end.device.clone(),
         };
         if told(&origin, &outline) != trial {
             return None;
@@ -162,6 +166,7 @@ fn told(origin: &Origin, outline: &Outline) -> StoredTrial {
             reason: String::new(),
             wall_s: outline.wall_s,
             decision_s: Some(outline.decision_s).filter(|seconds| !seconds.is_nan()),
+            device: origin.device.clone(),
             digest: format!("{:032x}", outline.digest),
         },
         ended_at: origin.dated.then(|| rfc_3339_of(outline.ended_at_s)),
@@ -277,6 +282,7 @@ mod tests {
                             reason,
                             wall_s,
                             decision_s,
+                            device: (seed % 2 == 0).then(|| "cuda".into()),
                             digest,
                         },
                         ended_at,
