@@ -68,7 +68,8 @@ pub struct TrialEnd {
     /// Mean wall-clock time of a decision of the final measurement, in seconds; `None` where none was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decision_s: Option<f64>,
-    /// Name of the device on which the run computed learners, for many trials at once; `None` for processors alone.
+    /// Name of the device on which the run computed learners, for many trials at once, so that `wall_s` tells nothing of a
+    /// processor; `None` for processors alone, and where the trial did not end `ok`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub device: Option<String>,
     /// Hash of the metrics file, empty where there is none.

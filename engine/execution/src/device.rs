@@ -198,17 +198,8 @@ fn tell(answer: &Answer) {
 pub struct Connection {
     /// Name of the device.
     pub name: &'static str,
-    device: Box<dyn Device>,
-}
-
-impl Connection {
-    /// Runs a trial whose learners compute on the device.
-    ///
-    /// # Errors
-    /// [`Error::Device`] where the device is lost while the trial runs.
-    pub fn during(&self, trial: &mut dyn FnMut()) -> Result<(), Error> {
-        self.device.during(trial)
-    }
+    /// The device.
+    pub device: Box<dyn Device>,
 }
 
 /// The device that the value of [`VARIABLE`] names.

@@ -232,7 +232,7 @@ fn attempt(
     };
     let outcome = panics::caught(|| match device {
         None => run(),
-        Some(device) => {
+        Some(Connection { device, .. }) => {
             let mut outcome = None;
             device.during(&mut || outcome = Some(run()))?;
             outcome.unwrap_or(Err(Error::Stopped))
