@@ -1,5 +1,5 @@
 //! The parts of the program: the engine's protocols, the environments, those in Python, the agents, programs as agents,
-//! the estimators, the generators and the card, in one registry.
+//! the estimators, the generators, the card and buckets, in one registry.
 
 use contract::{Build, Registry};
 
@@ -22,5 +22,7 @@ pub fn registry() -> Registry {
     programs::register(&mut registry);
     python::register(&mut registry);
     card::register(&mut registry);
+    #[cfg(feature = "bucket")]
+    bucket::register(&mut registry);
     registry
 }

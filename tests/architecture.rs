@@ -7,7 +7,7 @@ use std::{
 };
 
 /// Every crate by its folder, with the crates of this project that it stands on. Each stands on crates above it alone.
-const ARROWS: [(&str, &[&str]); 26] = [
+const ARROWS: [(&str, &[&str]); 27] = [
     ("engine/document", &[]),
     ("engine/contract", &["document"]),
     ("engine/statistics", &["contract", "document"]),
@@ -90,6 +90,7 @@ const ARROWS: [(&str, &[&str]); 26] = [
     ("engine/testing", &["analysis", "contract"]),
     ("plugins/arithmetic", &[]),
     ("plugins/plan", &["arithmetic"]),
+    ("plugins/bucket", &["contract", "execution"]),
     ("plugins/card", &["contract", "execution", "plan"]),
     ("plugins/numerics", &["arithmetic", "plan"]),
     ("plugins/protocols", &["contract", "document", "statistics"]),
@@ -112,6 +113,7 @@ const ARROWS: [(&str, &[&str]); 26] = [
         ".",
         &[
             "agents",
+            "bucket",
             "card",
             "cli",
             "contract",

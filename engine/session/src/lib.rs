@@ -126,7 +126,7 @@ impl<'a> Session<'a> {
         if let Some(store) = self.store.get() {
             return Ok(store);
         }
-        let store = self.settings.open()?;
+        let store = self.settings.open(self.registry)?;
         Ok(self.store.get_or_init(|| store))
     }
 

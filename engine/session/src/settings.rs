@@ -197,9 +197,9 @@ impl Settings {
         clippy::disallowed_methods,
         reason = "keys of a service are in the environment, and reach no result"
     )]
-    pub fn open(&self) -> Result<Store, Failure> {
+    pub fn open(&self, registry: &Registry) -> Result<Store, Failure> {
         let bucket = self.bucket.as_deref();
-        let bucket = bucket.map(|address| Bucket::at(address, |name| std::env::var(name).ok()));
+        let bucket = bucket.map(|address| Bucket::at(address, registry, &|name| std::env::var(name).ok()));
         Ok(Store::at(&self.store).sharing(bucket.transpose()?))
     }
 

@@ -116,6 +116,7 @@ fn resample(from: &[Vec<f64>], to: &mut [Vec<f64>], rng: &mut Rng) {
 
 /// A uniform index below `n`, from the upper bits of one draw. Its bias is below `n / 2^32`; in contrast with
 /// a library's method it cannot change with the library's version.
+#[inline]
 pub(super) fn below(n: usize, rng: &mut Rng) -> usize {
     ((u64::from(rng.next_u32()) * n as u64) >> 32) as usize
 }

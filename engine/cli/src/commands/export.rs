@@ -61,7 +61,7 @@ pub(super) struct Play {
 pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Common) -> Result<Exit, Failure> {
     match (&options.onnx, &options.minari, options.form) {
         (Some(trial), ..) => {
-            let store = Settings::read(registry, &common.machine())?.open()?;
+            let store = Settings::read(registry, &common.machine())?.open(registry)?;
             let (id, names) = export_policy::of_trial(registry, &store, trial, &options.to)?;
             say(&format!(
                 "trial {id}: {} in `{}`",
@@ -71,7 +71,7 @@ pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Comm
             Ok(Exit::Ok)
         }
         (None, Some(trial), _) => {
-            let store = Settings::read(registry, &common.machine())?.open()?;
+            let store = Settings::read(registry, &common.machine())?.open(registry)?;
             let (to, play) = (&options.to, &options.play);
             let first = play.seed.unwrap_or(0);
             let seeds = play

@@ -64,7 +64,7 @@ pub(super) fn rollout(
 ) -> Result<Exit, Failure> {
     let rows = match (&options.trial, &options.environment) {
         (Some(trial), environment) => {
-            let store = Settings::read(registry, &common.machine())?.open()?;
+            let store = Settings::read(registry, &common.machine())?.open(registry)?;
             let measured = EpisodeChoice::Measured(options.episode.unwrap_or(0));
             let rollout = TrialRollout {
                 trial,

@@ -52,8 +52,8 @@ mod values;
 
 pub use announced::Announcements;
 pub use boundary::install as install_boundary_hook;
-pub use bucket::Bucket;
 pub(crate) use bucket::BucketLeases;
+pub use bucket::{Bucket, Object, ObjectStorage, Objects, RegisterObjectStorage, WriteCondition};
 pub(crate) use bundle::{Bundle, BundleError, Manifest, read_bytes};
 pub use date::{now, rfc_3339_of, seconds_of};
 pub use fingerprint::{Difference, Fingerprint};

@@ -19,21 +19,23 @@ mod lease;
 mod objects;
 #[cfg(test)]
 mod pretended;
-#[cfg(feature = "bucket")]
-mod service;
 
 pub(crate) use lease::BucketLeases;
+pub use objects::{Object, ObjectStorage, Objects, RegisterObjectStorage, WriteCondition};
 
 use super::{Announcement, Bundle, BundleError, Claim, Leases, Store, bundle, index};
 use contract::{
-    Error, digest,
+    Error, Registry, digest,
     trial_end::{TrialEnd, is_missing},
 };
-use objects::{Object, Objects, WriteCondition};
 use std::{collections::BTreeSet, sync::Arc, time::Duration};
 
 /// Time after which a process that fetches a trial counts as gone, where no process can see it.
 const FETCHED_WITHIN: Duration = Duration::from_secs(300);
+
+/// The message where a program reaches no object storage.
+const NO_STORAGE: &str =
+    "this program was built without buckets; build it with `cargo build --release --features bucket`";
 
 /// Part of a bucket that one or several studies share.
 #[derive(Debug, Clone)]
@@ -45,13 +47,20 @@ pub struct Bucket {
 
 impl Bucket {
     /// The bucket at an address such as `s3://name/prefix`. No request is made yet. `variable` reads
-    /// environment variables: keys, region and endpoint have the names that other programs use
-    /// (`AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_SESSION_TOKEN`, `AWS_REGION`, `AWS_ENDPOINT_URL`).
+    /// environment variables, which hold keys.
     ///
     /// # Errors
-    /// [`Error::Bucket`] for a text that is no address, and where keys are missing.
-    pub fn at(address: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Self, Error> {
-        let objects = objects_at(address, variable).map_err(|problem| Error::Bucket {
+    /// [`Error::Bucket`] for a text that is no address, where keys are missing, and where no object storage is registered.
+    pub fn at(
+        address: &str,
+        registry: &Registry,
+        variable: &dyn Fn(&str) -> Option<String>,
+    ) -> Result<Self, Error> {
+        let opened = match registry.extensions::<ObjectStorage>().next() {
+            Some(storage) => (storage.open)(address, variable),
+            None => Err(NO_STORAGE.into()),
+        };
+        let objects = opened.map_err(|problem| Error::Bucket {
             doing: "use".into(),
             address: address.to_owned(),
             problem,
@@ -231,16 +240,6 @@ impl Store {
     }
 }
 
-#[cfg(feature = "bucket")]
-fn objects_at(address: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Arc<dyn Objects>, String> {
-    service::Service::at(address, variable).map(|service| Arc::new(service) as Arc<dyn Objects>)
-}
-
-#[cfg(not(feature = "bucket"))]
-fn objects_at(_: &str, _: impl Fn(&str) -> Option<String>) -> Result<Arc<dyn Objects>, String> {
-    Err("this program was built without its feature `bucket`; build it with the feature".into())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -377,6 +376,12 @@ mod tests {
             (two.fetch(ids).unwrap().taken, two.partial(&trial.id).unwrap()),
             (1, None)
         );
+    }
+
+    #[test]
+    fn a_program_without_object_storage_says_how_to_build_one_with_it() {
+        let error = Bucket::at("s3://lab/a", &Registry::default(), &|_| None).unwrap_err();
+        assert!(error.to_string().contains("--features bucket"), "{error}");
     }
 
     #[test]

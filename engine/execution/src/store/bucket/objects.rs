@@ -1,18 +1,42 @@
 //! Object storage, reduced to the operations that a bucket needs.
 
-use std::fmt::Debug;
+use contract::Registry;
+use std::{fmt::Debug, sync::Arc};
+
+/// A kind of object storage that a program reaches.
+pub struct ObjectStorage {
+    /// Opens the storage at an address; the second argument reads environment variables, which hold keys. Makes no
+    /// request. The error is a sentence.
+    pub open: OpenObjects,
+}
+
+/// See [`ObjectStorage::open`].
+pub type OpenObjects = fn(&str, &dyn Fn(&str) -> Option<String>) -> Result<Arc<dyn Objects>, String>;
+
+/// Registration of object storage.
+pub trait RegisterObjectStorage {
+    /// Registers object storage; the first one registered is used.
+    fn object_storage(&mut self, storage: ObjectStorage);
+}
+
+impl RegisterObjectStorage for Registry {
+    fn object_storage(&mut self, storage: ObjectStorage) {
+        self.extend(storage);
+    }
+}
 
 /// Content of an object, and the tag of this version of it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Object {
-    pub(super) bytes: Vec<u8>,
+pub struct Object {
+    /// The content.
+    pub bytes: Vec<u8>,
     /// Tag that changes with the content, as `ETag` does.
-    pub(super) tag: String,
+    pub tag: String,
 }
 
 /// Condition under which an object is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum WriteCondition<'a> {
+pub enum WriteCondition<'a> {
     /// No condition.
     Always,
     /// Only where there is no object.
@@ -22,7 +46,7 @@ pub(super) enum WriteCondition<'a> {
 }
 
 /// Objects by their keys below the prefix. Errors are sentences.
-pub(super) trait Objects: Send + Sync + Debug {
+pub trait Objects: Send + Sync + Debug {
     /// Reads an object; `None` where there is none.
     fn get(&self, key: &str) -> Result<Option<Object>, String>;
     /// Writes an object; false where the condition does not hold.

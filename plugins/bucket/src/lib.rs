@@ -1,12 +1,15 @@
 //! Object storage over HTTP: Amazon's S3, and every service with the same protocol.
 
-use super::objects::{Object, Objects, WriteCondition};
-use crate::world::clock;
+use contract::Registry;
+use execution::{
+    store::{Object, ObjectStorage, Objects, RegisterObjectStorage, WriteCondition},
+    world::clock,
+};
 use rusty_s3::{
     Credentials, UrlStyle,
     actions::{DeleteObject, GetObject, ListObjectsV2, PutObject, S3Action},
 };
-use std::time::Duration;
+use std::{sync::Arc, time::Duration};
 use ureq::{
     Agent, Body,
     http::{Response, StatusCode},
@@ -25,8 +28,15 @@ const FIRST_WAIT: Duration = Duration::from_millis(200);
 /// Longest part of an answer that is shown.
 const SHOWN: usize = 300;
 
+/// Registers the object storage of this crate.
+pub fn register(registry: &mut Registry) {
+    registry.object_storage(ObjectStorage {
+        open: |address, variable| Ok(Arc::new(Service::at(address, variable)?)),
+    });
+}
+
 /// Part of a bucket at a service.
-pub(super) struct Service {
+struct Service {
     agent: Agent,
     bucket: rusty_s3::Bucket,
     credentials: Credentials,
@@ -56,8 +66,9 @@ fn parts(address: &str) -> Result<(&str, String), String> {
 }
 
 impl Service {
-    /// See [`Bucket::at`](super::Bucket::at).
-    pub(super) fn at(address: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Self, String> {
+    /// The bucket at an address such as `s3://name/prefix`. Keys, region and endpoint have the names that other programs
+    /// use (`AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_SESSION_TOKEN`, `AWS_REGION`, `AWS_ENDPOINT_URL`).
+    fn at(address: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Self, String> {
         let (name, prefix) = parts(address)?;
         let some = |names: &[&str]| {
             names
