@@ -320,6 +320,18 @@ fn a_search_that_finds_no_setting_fails_and_says_why() {
 }
 
 #[test]
+fn importance_of_too_few_settings_is_refused_before_anything_runs() {
+    let bench = Bench::new();
+    let figures = "figures:\n  keys: { importance: { search: rates } }\n";
+    bench.write("tuned.yaml", &format!("{STUDY}{figures}"));
+    let refused = bench.run(&["check", "tuned.yaml"]);
+    assert_eq!(refused.code, 2, "{}", refused.err);
+    let said = "`rates` has at most 9 settings that go to their ends; `importance` takes 10";
+    assert!(refused.err.contains(said), "{}", refused.err);
+    bench.ok(&["check", "tuned.yaml", "-S", "tune.rates.settings=10"]);
+}
+
+#[test]
 fn what_a_search_saw_is_drawn() {
     let bench = Bench::new();
     let study = STUDY.replace("settings: 9\n", "settings: 12\n");

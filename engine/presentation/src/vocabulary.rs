@@ -33,8 +33,8 @@ pub struct Vocabulary {
     pub swept: Vec<(String, Vec<String>)>,
     /// Seeds of the study.
     pub seeds: Vec<u64>,
-    /// The searches, each with the metric by which it compares settings.
-    pub searches: Vec<(String, String)>,
+    /// The searches.
+    pub searches: Vec<KnownSearch>,
     /// Everything that is recorded, each name once.
     pub metrics: Vec<Metric>,
     /// Units of recorded metrics and traced channels, by name.
@@ -47,6 +47,17 @@ pub struct Vocabulary {
     pub is_recalled: bool,
     /// Announcements of environments that are not built in, by id.
     pub announced: BTreeMap<String, Value>,
+}
+
+/// A search, as tables and figures name it.
+#[derive(Debug, Clone)]
+pub struct KnownSearch {
+    /// Name of the search.
+    pub name: String,
+    /// The metric by which it compares settings.
+    pub metric: String,
+    /// Number of settings that can go to their ends.
+    pub ends: usize,
 }
 
 impl Vocabulary {

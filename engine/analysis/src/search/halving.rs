@@ -32,6 +32,21 @@ pub(super) fn stops(options: &Halving, direction: Direction, tried: &[Tried]) ->
     stops
 }
 
+/// How many of so many settings go to their ends.
+pub(super) fn n_ends(options: &Halving, n_settings: usize) -> usize {
+    let of_bracket = |(bracket, places): (usize, Range<usize>)| {
+        let pauses = options.pauses.len().saturating_sub(bracket);
+        (0..pauses).fold(places.len(), |alive, _| {
+            share_of(alive, options.keep).max(1).min(alive)
+        })
+    };
+    brackets(options, n_settings)
+        .into_iter()
+        .enumerate()
+        .map(of_bracket)
+        .sum()
+}
+
 /// The settings that go on after a pause; `None` as long as one has not come to it.
 fn best_part(
     alive: &[usize],
@@ -126,6 +141,22 @@ mod tests {
         assert_eq!(least.iter().position(Option::is_none), Some(5));
         let failed = stops(&options(1), Direction::Maximize, &tried(&[None; 9], 300));
         assert_eq!(failed, vec![Some(100); 9]);
+    }
+
+    #[test]
+    fn as_many_settings_end_as_is_said() {
+        for (n_brackets, n_settings) in
+            (1..4).flat_map(|brackets| (0..40).map(move |settings| (brackets, settings)))
+        {
+            let values: Vec<Option<f64>> = (0..n_settings).map(|place| Some(f64::from(place))).collect();
+            let stops = stops(&options(n_brackets), Direction::Maximize, &tried(&values, 300));
+            let ends = stops.iter().filter(|stop| stop.is_none()).count();
+            assert_eq!(
+                n_ends(&options(n_brackets), values.len()),
+                ends,
+                "{n_brackets} {n_settings}"
+            );
+        }
     }
 
     #[test]

@@ -322,6 +322,15 @@ impl Search {
         Next::Try(points, stops)
     }
 
+    /// Number of settings that can go to their ends.
+    #[must_use]
+    pub fn n_ends(&self) -> usize {
+        match &self.method {
+            Method::Halving(options) => halving::n_ends(options, self.settings),
+            _ => self.settings,
+        }
+    }
+
     fn space(&self) -> Vec<Range> {
         self.keys.iter().map(|(_, range)| range.clone()).collect()
     }

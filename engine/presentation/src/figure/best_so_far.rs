@@ -10,7 +10,7 @@ use super::{
 use crate::{
     kinds::KindSpec,
     names::{Names, Place},
-    table::{Scope, metric_of_search},
+    table::{Scope, known_search},
 };
 use analysis::search::Direction;
 use contract::Error;
@@ -46,7 +46,7 @@ impl KindSpec for BestSoFar {
 
 impl Figure for BestSoFar {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
-        metric_of_search(&self.search, names, at);
+        known_search(&self.search, names, at);
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {

@@ -10,10 +10,11 @@ use super::{
 use crate::{
     kinds::KindSpec,
     names::{Names, Place},
-    table::metric_of_search,
+    table::known_search,
 };
 use analysis::search::importance::{FEWEST, Importance, TREES, importance};
 use contract::Error;
+use document::count::count as count_in_words;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -52,7 +53,17 @@ impl KindSpec for ImportanceFigure {
 
 impl Figure for ImportanceFigure {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
-        metric_of_search(&self.search, names, at);
+        let Some(search) = known_search(&self.search, names, at) else {
+            return;
+        };
+        if search.ends < FEWEST {
+            let (name, ends) = (&search.name, count_in_words(search.ends, "setting"));
+            let message =
+                format!("`{name}` has at most {ends} that go to their ends; `importance` takes {FEWEST}");
+            let help =
+                "give the search more `settings`, or leave the figure out (`~` in its place, in a profile)";
+            names.say(at.value("search"), message, help);
+        }
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     kinds::KindSpec,
     names::{Names, Place},
-    table::metric_of_search,
+    table::known_search,
 };
 use analysis::search::Range;
 use contract::{Error, sweep_point::word};
@@ -50,7 +50,7 @@ impl KindSpec for ParallelCoordinates {
 
 impl Figure for ParallelCoordinates {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
-        metric_of_search(&self.search, names, at);
+        known_search(&self.search, names, at);
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {

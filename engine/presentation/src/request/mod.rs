@@ -101,8 +101,8 @@ impl Request {
             let spec = keys.and_then(|keys| names.figure((keys, entry), &kinds.figures, folder));
             request.figures.extend(spec.map(|spec| (entry.key.clone(), spec)));
         }
-        for (search, _) in &vocabulary.searches {
-            request.show_search(search);
+        for search in &vocabulary.searches {
+            request.show_search(&search.name);
         }
         let claims = text.claims.located(root.get("claims"));
         request.claims = claims

@@ -3,6 +3,7 @@
 use super::{Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
 use crate::kinds::KindSpec;
 use crate::names::{Names, Place};
+use crate::vocabulary::KnownSearch;
 use analysis::results::{Results, SearchResult, TriedSetting};
 use contract::Error;
 use document::diagnostic::suggest;
@@ -58,11 +59,11 @@ impl Table for BestSettings {
         at: &Place<'_>,
         _: Option<&Place<'_>>,
     ) -> (Vec<String>, Vec<String>) {
-        let Some(by) = metric_of_search(&self.search, names, at) else {
+        let Some(KnownSearch { metric: by, .. }) = known_search(&self.search, names, at) else {
             return (Vec::new(), Vec::new());
         };
-        names.labels(at, &[], std::slice::from_ref(&by));
-        (Vec::new(), vec![by])
+        names.labels(at, &[], std::slice::from_ref(by));
+        (Vec::new(), vec![by.clone()])
     }
 
     fn build(&self, results: &Results) -> Result<Grid, Error> {
@@ -76,15 +77,19 @@ impl Table for BestSettings {
     }
 }
 
-/// The metric of a search; says so where no search has the name.
-pub(crate) fn metric_of_search(search: &str, names: &mut Names<'_>, at: &Place<'_>) -> Option<String> {
-    let known = names.vocabulary.searches.clone();
-    let found = known.iter().find(|(name, _)| name == search);
+/// The search of a name; says so where no search has it.
+pub(crate) fn known_search<'v>(
+    search: &str,
+    names: &mut Names<'v>,
+    at: &Place<'_>,
+) -> Option<&'v KnownSearch> {
+    let known = &names.vocabulary.searches;
+    let found = known.iter().find(|it| it.name == search);
     if found.is_none() {
-        let help = suggest(search, known.iter().map(|(name, _)| name.as_str()));
+        let help = suggest(search, known.iter().map(|it| it.name.as_str()));
         names.say(at.value("search"), format!("no search is named `{search}`"), help);
     }
-    found.map(|(_, by)| by.clone())
+    found
 }
 
 impl BestSettings {

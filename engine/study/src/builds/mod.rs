@@ -28,7 +28,7 @@ use contract::{
 use document::diagnostic::{Diagnostic, in_order, say_once};
 use execution::patience;
 use facts::Facts;
-use presentation::vocabulary::Vocabulary;
+use presentation::vocabulary::{KnownSearch, Vocabulary};
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -89,7 +89,11 @@ pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vo
         searches: sections
             .searches
             .iter()
-            .map(|it| (it.search.name.clone(), it.search.metric.clone()))
+            .map(|it| KnownSearch {
+                name: it.search.name.clone(),
+                metric: it.search.metric.clone(),
+                ends: it.search.n_ends(),
+            })
             .collect(),
         settings: cells.settings(),
         swept: sections
