@@ -64,24 +64,25 @@ pub(crate) fn register(registry: &mut Registry) {
         "minus the mean log probability of the right class",
     );
     let traits = AgentTraits::learner([Feed::Examples], vec![metric.lower_is_better()]);
-    registry.agent(NAME, 1, about, traits, build);
-}
-
-/// Builds the agent for one seat that observes a square image and acts by choosing one of several classes.
-///
-/// # Errors
-/// [`Error::Mismatch`] for any other seat.
-fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let form = form(&config, interface)?;
-    Ok(Box::new(ImageClassifier {
-        network: FeatureNetwork::new(form, rng),
-        learning: Plans::default(),
-        learning_rate: config.learning_rate,
-        n_updates: 0,
-    }))
+    registry.agent(NAME, 1, about, traits, |config, interface, rng| {
+        Ok(Box::new(ImageClassifier::new(&config, interface, rng)?))
+    });
 }
 
 impl ImageClassifier {
+    /// Builds the agent for one seat that observes a square image and acts by choosing one of several classes.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] for any other seat.
+    pub fn new(config: &Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
+        Ok(Self {
+            network: FeatureNetwork::new(form(config, interface)?, rng),
+            learning: Plans::default(),
+            learning_rate: config.learning_rate,
+            n_updates: 0,
+        })
+    }
+
     /// The plan for so many images, and the state that it trains.
     fn written(&mut self, n_images: usize) -> (&mut Processor<f32>, &mut State<f32>) {
         let (form, rate) = (self.network.form(), self.learning_rate);
@@ -259,12 +260,13 @@ mod tests {
         (registry.environments["image_samples"].build)(&config.into()).unwrap()
     }
 
-    fn agent(interface: &Interface) -> Box<dyn Agent> {
-        let config = Config {
-            channels: 8,
-            learning_rate: 3e-3,
-        };
-        build(config, interface, &mut stream(&["classifier"])).unwrap()
+    const SMALL: Config = Config {
+        channels: 8,
+        learning_rate: 3e-3,
+    };
+
+    fn agent(interface: &Interface) -> ImageClassifier {
+        ImageClassifier::new(&SMALL, interface, &mut stream(&["classifier"])).unwrap()
     }
 
     fn example(shows: &mut dyn Environment, rng: &mut Rng) -> Transition {
@@ -298,19 +300,19 @@ mod tests {
     fn it_learns_classes_that_it_was_not_shown_and_leaves_its_network() {
         let (mut shows, mut rng) = (shapes(), stream(&["learns"]));
         let mut agent = agent(&shows.interface());
-        assert!(accuracy(&mut *agent, &mut *shows, &mut rng) < 0.3);
+        assert!(accuracy(&mut agent, &mut *shows, &mut rng) < 0.3);
         let mut record = Recorder::default();
         for _ in 0..400 {
             let batch: Vec<Transition> = (0..32).map(|_| example(&mut *shows, &mut rng)).collect();
             agent.learn(&batch, &mut rng, &mut record).unwrap();
         }
-        let learned = accuracy(&mut *agent, &mut *shows, &mut rng);
+        let learned = accuracy(&mut agent, &mut *shows, &mut rng);
         assert!(learned > 0.4, "{learned}");
         let folder = tempfile::tempdir().unwrap();
         assert!(agent.export(folder.path()).unwrap());
         let mut another = self::agent(&shows.interface());
         assert!(another.import(folder.path()).unwrap());
-        assert_eq!(accuracy(&mut *another, &mut *shows, &mut rng), learned);
+        assert_eq!(accuracy(&mut another, &mut *shows, &mut rng), learned);
     }
 
     #[test]
@@ -373,15 +375,7 @@ mod tests {
         }
         let folder = tempfile::tempdir().unwrap();
         one.save(folder.path()).unwrap();
-        let mut two = build(
-            Config {
-                channels: 8,
-                learning_rate: 3e-3,
-            },
-            &shows.interface(),
-            &mut stream(&["another"]),
-        )
-        .unwrap();
+        let mut two = ImageClassifier::new(&SMALL, &shows.interface(), &mut stream(&["another"])).unwrap();
         two.load(folder.path()).unwrap();
         let mut left = |agent: &mut dyn Agent| {
             for batch in &batches[2..] {
@@ -391,7 +385,23 @@ mod tests {
             agent.export(folder.path()).unwrap();
             std::fs::read(folder.path().join(numerics::policy_file::FILE_NAME)).unwrap()
         };
-        assert_eq!(left(&mut *one), left(&mut *two));
+        assert_eq!(left(&mut one), left(&mut two));
+    }
+
+    /// Convolutions have no kernels for a card: there a classifier computes on a core.
+    #[test]
+    fn members_of_a_population_learn_as_trials_alone() {
+        let interface = shapes().interface();
+        let config = Config { channels: 2, ..SMALL };
+        crate::population::assert_members_learn_as_alone(
+            |rng| ImageClassifier::new(&config, &interface, rng).unwrap(),
+            |agent| std::slice::from_mut(&mut agent.learning),
+            |agent, rng| {
+                let mut shows = shapes();
+                let batch: Vec<Transition> = (0..8).map(|_| example(&mut *shows, rng)).collect();
+                agent.learn(&batch, rng, &mut Recorder::default()).unwrap();
+            },
+        );
     }
 
     #[test]
@@ -400,7 +410,7 @@ mod tests {
         if let Space::Box(pixels) = &mut interface.seats[0].observation {
             pixels.pop();
         }
-        let text = build(Config::default(), &interface, &mut stream(&[]))
+        let text = ImageClassifier::new(&Config::default(), &interface, &mut stream(&[]))
             .err()
             .unwrap()
             .to_string();

@@ -15,6 +15,10 @@ pub mod image;
 pub mod images;
 pub mod inception;
 pub mod layers;
+// The check that the learners of `agents` pass, too.
+#[cfg(test)]
+#[path = "../../agents/src/shared/population.rs"]
+mod population;
 #[cfg(test)]
 mod reference;
 pub mod samples;
