@@ -11,7 +11,7 @@ use std::{
     time::Duration,
 };
 
-/// Two short trials a seed.
+/// 40 short trials.
 const STUDY: &str = "
 study: crashes
 environments: { cells: { battery: { cells: 2 } } }
@@ -20,7 +20,8 @@ agents:
   random: { random_allocation: {} }
 protocol: { train_evaluate: { steps: 512, environments: 8, evaluate_every: 128, episodes: 1, \
 final_episodes: 2 } }
-seeds: ";
+seeds: 20
+";
 
 /// Two trials that learn.
 const LEARNING: &str = "
@@ -37,10 +38,9 @@ fn searching() -> String {
     crate::silent::study(crate::silent::HALVING).replace("study: tuned", "study: searching")
 }
 
-/// Short trials of so many seeds, and two that learn.
-fn bench(seeds: usize) -> Bench {
+fn bench() -> Bench {
     let bench = Bench::new();
-    bench.write("short.yaml", &format!("{STUDY}{seeds}\n"));
+    bench.write("short.yaml", STUDY);
     bench.write("learning.yaml", LEARNING);
     bench
 }
@@ -68,7 +68,9 @@ fn uninterrupted(bench: &Bench) -> Vec<(String, String)> {
         "--store",
         "whole",
     ]);
-    bench.digests("whole")
+    let digests = bench.digests("whole");
+    assert_eq!(digests.len(), 42);
+    digests
 }
 
 /// Which acknowledgements there are: writing one anew would give it another inode or time.
@@ -119,10 +121,9 @@ fn assert_kept(before: &BTreeMap<PathBuf, (u64, i64, i64)>, after: &BTreeMap<Pat
 
 #[test]
 fn killed_at_a_hundred_random_instants_and_resumed_it_ends_as_if_nothing_had_happened() {
-    let bench = bench(20);
+    let bench = bench();
     bench.write("regimen.toml", "checkpoint_every_s = 0.02\n");
     let whole = uninterrupted(&bench);
-    assert_eq!(whole.len(), 2 * 20 + 2);
     let mut rng = contract::random::stream(&["kill at random instants"]);
     let (mut kills, mut rounds) = (0, 0);
     while kills < 100 {
@@ -156,11 +157,9 @@ fn killed_at_a_hundred_random_instants_and_resumed_it_ends_as_if_nothing_had_hap
 
 #[test]
 fn killed_at_every_boundary_of_writing_it_ends_as_if_nothing_had_happened() {
-    // Every trial meets the same boundaries: a few of them, so that two meet them together.
-    let bench = bench(5);
+    let bench = bench();
     bench.write("regimen.toml", "checkpoint_every_s = 0\n");
     let whole = uninterrupted(&bench);
-    assert_eq!(whole.len(), 2 * 5 + 2);
     let mut deaths = 0;
     loop {
         let mut command = bench.misused(&RUN);
@@ -177,7 +176,7 @@ fn killed_at_every_boundary_of_writing_it_ends_as_if_nothing_had_happened() {
     let places = std::fs::read_to_string(bench.path("crashes.log")).unwrap();
     // Per trial: a lease, two files in six steps each, the lease again; the two that learn die in their
     // checkpoints besides.
-    assert!(deaths >= whole.len() * 12, "{deaths} deaths");
+    assert!(deaths >= 42 * 12, "{deaths} deaths");
     assert!(places.contains("checkpoint-"), "{places}");
     assert_eq!(bench.digests("killed"), whole);
     bench.ok(&["fsck", "killed"]);

@@ -10,7 +10,7 @@ use super::{
 use crate::{
     kinds::KindSpec,
     names::{Names, Place},
-    table::{Scope, known_search},
+    table::Scope,
 };
 use analysis::search::Direction;
 use contract::Error;
@@ -46,7 +46,7 @@ impl KindSpec for BestSoFar {
 
 impl Figure for BestSoFar {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
-        known_search(&self.search, names, at);
+        names.search(&self.search, at);
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {

@@ -10,7 +10,6 @@ use super::{
 use crate::{
     kinds::KindSpec,
     names::{Names, Place},
-    table::known_search,
 };
 use analysis::search::importance::{FEWEST, Importance, TREES, importance};
 use contract::Error;
@@ -53,15 +52,14 @@ impl KindSpec for ImportanceFigure {
 
 impl Figure for ImportanceFigure {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
-        let Some(search) = known_search(&self.search, names, at) else {
+        let Some(search) = names.search(&self.search, at) else {
             return;
         };
         if search.ends < FEWEST {
             let (name, ends) = (&search.name, count_in_words(search.ends, "setting"));
             let message =
                 format!("`{name}` has at most {ends} that go to their ends; `importance` takes {FEWEST}");
-            let help =
-                "give the search more `settings`, or leave the figure out (`~` in its place, in a profile)";
+            let help = "give the search more `settings`, in a profile too";
             names.say(at.value("search"), message, help);
         }
     }

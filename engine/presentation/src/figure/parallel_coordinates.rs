@@ -11,7 +11,6 @@ use super::{
 use crate::{
     kinds::KindSpec,
     names::{Names, Place},
-    table::known_search,
 };
 use analysis::search::Range;
 use contract::{Error, sweep_point::word};
@@ -50,7 +49,7 @@ impl KindSpec for ParallelCoordinates {
 
 impl Figure for ParallelCoordinates {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
-        known_search(&self.search, names, at);
+        names.search(&self.search, at);
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {

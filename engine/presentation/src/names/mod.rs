@@ -5,7 +5,7 @@ mod published_curves;
 
 pub use place::{Picked, Place};
 
-use crate::vocabulary::Vocabulary;
+use crate::vocabulary::{KnownSearch, Vocabulary};
 use contract::ArtifactKind;
 use document::{
     Node,
@@ -33,6 +33,17 @@ impl<'a> Names<'a> {
             shown: BTreeMap::new(),
             found: Vec::new(),
         }
+    }
+
+    /// The search that stands at a place under `search`; a mistake is noted where there is none of this name.
+    pub fn search(&mut self, name: &str, at: &Place<'_>) -> Option<&'a KnownSearch> {
+        let known = &self.vocabulary.searches;
+        let found = known.iter().find(|it| it.name == name);
+        if found.is_none() {
+            let help = suggest(name, known.iter().map(|it| it.name.as_str()));
+            self.say(at.value("search"), format!("no search is named `{name}`"), help);
+        }
+        found
     }
 
     /// The mistakes that were found.

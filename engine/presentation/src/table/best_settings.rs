@@ -6,7 +6,6 @@ use crate::names::{Names, Place};
 use crate::vocabulary::KnownSearch;
 use analysis::results::{Results, SearchResult, TriedSetting};
 use contract::Error;
-use document::diagnostic::suggest;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -59,7 +58,7 @@ impl Table for BestSettings {
         at: &Place<'_>,
         _: Option<&Place<'_>>,
     ) -> (Vec<String>, Vec<String>) {
-        let Some(KnownSearch { metric: by, .. }) = known_search(&self.search, names, at) else {
+        let Some(KnownSearch { metric: by, .. }) = names.search(&self.search, at) else {
             return (Vec::new(), Vec::new());
         };
         names.labels(at, &[], std::slice::from_ref(by));
@@ -75,21 +74,6 @@ impl Table for BestSettings {
     fn metric_of_unit(&self) -> Option<&str> {
         None
     }
-}
-
-/// The search of a name; says so where no search has it.
-pub(crate) fn known_search<'v>(
-    search: &str,
-    names: &mut Names<'v>,
-    at: &Place<'_>,
-) -> Option<&'v KnownSearch> {
-    let known = &names.vocabulary.searches;
-    let found = known.iter().find(|it| it.name == search);
-    if found.is_none() {
-        let help = suggest(search, known.iter().map(|it| it.name.as_str()));
-        names.say(at.value("search"), format!("no search is named `{search}`"), help);
-    }
-    found
 }
 
 impl BestSettings {

@@ -25,7 +25,6 @@ mod tests;
 
 pub use aggregate::{Aggregate, SUITE_MEAN};
 pub use best_settings::BestSettings;
-pub(crate) use best_settings::known_search;
 pub use cause::Cause;
 pub use comma_separated::{csv, guarded as guarded_csv, write as write_csv};
 pub use comparison::{Axis, Comparison, Form, Improvement, Statistic, TableAxis, compare};

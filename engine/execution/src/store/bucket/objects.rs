@@ -7,11 +7,8 @@ use std::{fmt::Debug, sync::Arc};
 pub struct ObjectStorage {
     /// Opens the storage at an address; the second argument reads environment variables, which hold keys. Makes no
     /// request. The error is a sentence.
-    pub open: OpenObjects,
+    pub open: fn(&str, &dyn Fn(&str) -> Option<String>) -> Result<Arc<dyn Objects>, String>,
 }
-
-/// See [`ObjectStorage::open`].
-pub type OpenObjects = fn(&str, &dyn Fn(&str) -> Option<String>) -> Result<Arc<dyn Objects>, String>;
 
 /// Registration of object storage.
 pub trait RegisterObjectStorage {
