@@ -8,7 +8,7 @@ use arithmetic::{double, power};
 use num_dual::{DualNum, DualSVec64};
 
 /// A number with or without derivatives.
-pub(super) trait Number: DualNum<Primitive = f64, Real = f64> + Copy {
+pub(super) trait Number: DualNum<f64> + Copy {
     /// The value of a function at this number, whose slope there is `slope`.
     fn through(self, value: f64, slope: f64) -> Self;
 }

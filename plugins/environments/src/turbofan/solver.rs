@@ -208,7 +208,7 @@ impl Engine {
             variable.eps = Derivative::derivative_generic(nalgebra::Const::<N>, nalgebra::U1, place);
         }
         let (_, residuals) = self.residuals(&variables, operation);
-        let derivatives = residuals.map(|it| it.eps.0.unwrap_or_default());
+        let derivatives = residuals.map(|it| it.eps.unwrap_generic(nalgebra::Const::<N>, nalgebra::U1));
         let jacobian = SMatrix::from_fn(|row, column| derivatives[row][column]);
         (SVector::from(residuals.map(|it| it.re)), jacobian)
     }

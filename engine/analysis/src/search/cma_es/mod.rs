@@ -4,16 +4,16 @@
 //! The state is not stored. It is computed anew from the stored values by doing every generation again, in order, until
 //! one has a setting without a value. A setting that is drawn again is not tried again: its value counts once more.
 
+mod distribution;
+mod ending;
+
 use super::{Point, Range, tree_parzen};
-use ::cmaes::{CMAES, CMAESOptions, DVector};
 use contract::random;
-use rand::Rng as _;
+use distribution::Distribution;
+use ending::Ending;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::{
-    cell::RefCell,
-    collections::{HashMap, HashSet},
-};
+use std::collections::{HashMap, HashSet};
 
 /// Value of a setting that failed: worse than all others.
 const FAILED: f64 = f64::MAX;
@@ -55,54 +55,57 @@ pub(super) fn settings(
     n_settings: usize,
     known: &HashMap<String, f64>,
 ) -> Vec<Point> {
-    let asked = RefCell::new(RequestedSettings::new(space, known, n_settings));
+    let mut asked = RequestedSettings::new(space, known, n_settings);
     for beginning in 0..MOST_BEGINNINGS {
-        if asked.borrow().is_done() {
+        if asked.is_done() {
             break;
         }
-        let mut state = begin(
-            options,
-            space.len(),
-            identity,
-            beginning,
-            |shares: &DVector<f64>| asked.borrow_mut().value(shares.as_slice()),
-        );
-        let mut idle = 0;
-        while !asked.borrow().is_done() && idle < MOST_IDLE_GENERATIONS {
-            let before = asked.borrow().points.len();
-            let is_over = state.next().is_some();
-            idle = if asked.borrow().points.len() > before {
-                0
-            } else {
-                idle + 1
-            };
-            if is_over {
-                break;
-            }
-        }
+        search_from_the_middle(options, identity, beginning, &mut asked);
     }
-    let mut asked = asked.into_inner();
     asked.fill_by_chance(identity);
     asked.points
 }
 
-/// A search that begins in the middle. Each beginning has twice the population of the one before (IPOP, Auger and
-/// Hansen 2005).
-fn begin<F: FnMut(&DVector<f64>) -> f64>(
+/// Asks for generation after generation until the search ends or nothing more can be asked. Each beginning has twice
+/// the population of the one before (IPOP, Auger and Hansen 2005).
+fn search_from_the_middle(
     options: &CmaEs,
-    n_keys: usize,
     identity: &str,
     beginning: u64,
-    value: F,
-) -> CMAES<F> {
+    asked: &mut RequestedSettings<'_>,
+) {
     let mut rng = random::stream(&["search", identity, "beginning", &beginning.to_string()]);
-    let mut of_state = CMAESOptions::new(vec![0.5; n_keys], options.spread);
-    let population = options.population.unwrap_or(of_state.population_size);
-    of_state.population_size = population << beginning;
-    of_state.seed = Some(rng.random());
-    // Of the options that can be refused, the number of keys is at least 1 and the others are held in their ranges by
-    // the schema.
-    CMAES::new(value, of_state).expect("keys, population and spread are in their ranges")
+    let n_keys = asked.space.len();
+    let population = options.population.unwrap_or_else(|| default_population(n_keys)) << beginning;
+    let mut distribution = Distribution::new(n_keys, options.spread, population);
+    let mut ending = Ending::new(n_keys, population);
+    let mut n_idle = 0;
+    loop {
+        let n_before = asked.points.len();
+        let mut drawn: Vec<_> = (0..population)
+            .map(|_| distribution.draw(&mut rng))
+            .map(|draw| (asked.value(draw.as_slice()), draw))
+            .collect();
+        n_idle = if asked.points.len() > n_before {
+            0
+        } else {
+            n_idle + 1
+        };
+        if asked.is_done() || n_idle == MOST_IDLE_GENERATIONS {
+            return;
+        }
+        drawn.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+        let (values, ranked): (Vec<f64>, Vec<_>) = drawn.into_iter().unzip();
+        distribution.learn(&ranked);
+        if ending.is_reached(&values) || distribution.is_degenerate(options.spread) {
+            return;
+        }
+    }
+}
+
+/// `4 + 3 ln n`, rounded down (Hansen 2016).
+fn default_population(n_keys: usize) -> usize {
+    4 + (3.0 * (n_keys as f64).ln()) as usize
 }
 
 /// The settings that were asked for so far.
