@@ -1,24 +1,14 @@
 //! The point of a sweep at which a trial stands.
 
-use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::{cmp::Ordering, fmt, sync::Arc};
 
 /// Swept keys with their values, in the order of the sweep; none without a sweep. It is told from other points by its
-/// words, `key=value` each. Its stored form has two keys, `setting` for the words and `point` for the values.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(from = "Stored", into = "Stored")]
+/// words, `key=value` each.
+#[derive(Debug, Clone)]
 pub struct SweepPoint {
     words: Arc<str>,
     values: Arc<[(Arc<str>, Value)]>,
-}
-
-#[derive(Serialize, Deserialize)]
-struct Stored {
-    setting: String,
-    /// Absent in trials that were stored before values were recorded.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    point: Vec<(String, Value)>,
 }
 
 impl Default for SweepPoint {
@@ -86,26 +76,6 @@ impl<K: Into<Arc<str>>> FromIterator<(K, Value)> for SweepPoint {
         Self {
             words: words.join(" ").into(),
             values,
-        }
-    }
-}
-
-impl From<Stored> for SweepPoint {
-    fn from(stored: Stored) -> Self {
-        let values = stored.point.into_iter().map(|(key, value)| (key.into(), value));
-        Self {
-            words: stored.setting.into(),
-            values: values.collect(),
-        }
-    }
-}
-
-impl From<SweepPoint> for Stored {
-    fn from(point: SweepPoint) -> Self {
-        let own = |(key, value): &(Arc<str>, Value)| (key.to_string(), value.clone());
-        Self {
-            setting: point.words.to_string(),
-            point: point.values.iter().map(own).collect(),
         }
     }
 }
@@ -203,13 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_written_as_words_and_stored_with_its_values() {
+    fn it_is_written_as_words() {
         assert_eq!(point().to_string(), r#"dsac.rate=0.0001 cells=4 load="a b=c""#);
-        let stored = json!(point());
-        assert_eq!(stored["point"][1], json!(["cells", 4]));
-        let read: SweepPoint = serde_json::from_value(stored).unwrap();
-        assert_eq!((read.words(), read.values()), (point().words(), point().values()));
-        let early: SweepPoint = serde_json::from_value(json!({ "setting": "rate=1" })).unwrap();
-        assert_eq!((early.words(), early.values().len()), ("rate=1", 0));
     }
 }

@@ -162,38 +162,36 @@ impl TrialKey {
     }
 }
 
-/// A trial of a study: its key and the names under which tables and figures speak of it.
+/// A trial of a study: its key and the names under which tables and figures speak of it. A worker is sent the id and
+/// the key alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
     /// Hash of `key`, as 32 hexadecimal digits.
     pub id: String,
     /// Place of the trial in the study; the trials of all seeds share it.
-    #[serde(flatten, with = "shared")]
+    #[serde(skip)]
     pub cell: Arc<TrialCell>,
     /// Everything that determines the numbers.
     pub key: TrialKey,
 }
 
 /// Environment, agent and point of the sweep; seeds are replicates of a combination.
-#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Combination {
     /// Name of the environment in the study.
     pub environment: String,
     /// Name of the agent in the study.
     pub agent: String,
     /// Point of the sweep; empty without a sweep.
-    #[serde(flatten)]
     pub point: SweepPoint,
 }
 
 /// Place of a trial in its study, without its seed: a combination and a purpose.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct TrialCell {
     /// Environment, agent and point of the sweep.
-    #[serde(flatten)]
     pub combination: Combination,
     /// Purpose of the trial.
-    #[serde(default)]
     pub purpose: Purpose,
 }
 
@@ -246,8 +244,7 @@ impl TrialCell {
 }
 
 /// The purpose of a trial in its study.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum Purpose {
     /// It is one of a combination of environment, agent and setting, which tables, figures and claims show.
     #[default]

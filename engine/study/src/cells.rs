@@ -1,17 +1,149 @@
-//! From the sections of a study to its cells.
+//! The cells of a study: each combination of environment, agent and setting that is not left out, each entry of
+//! `prepare`, and the settings that searches try. A study may have a million combinations, so a cell is made when it is
+//! asked for.
 
 use super::{
-    cell::{Cell, Cells, PairGrid, SettingKey},
+    cell::{Cell, Place, Source},
     checked_sections::Sections,
-    known::PartCache,
+    parts::{Grid, PartCache, points_at},
     sweep::{Dimension, SweptKey},
     written::{NamedPart, PartKind, PreparedPart, PreparedTrial, Target},
 };
-use contract::sweep_point::names;
-use document::{
-    Node,
-    diagnostic::{Diagnostic, Span, suggest},
+use contract::sweep_point::{SweepPoint, names};
+use document::diagnostic::{Diagnostic, Span, suggest};
+use serde_json::Value;
+use std::{
+    collections::{BTreeMap, HashSet},
+    ops::Range,
+    sync::Arc,
 };
+
+/// All cells: combinations in the order of environments, agents and points, then all others.
+#[derive(Debug, Clone, Default)]
+pub struct Cells {
+    /// Each with the index of its first cell.
+    combinations: Vec<(usize, PairGrid)>,
+    n_combinations: usize,
+    others: Vec<Cell>,
+    /// By index of a cell that takes an artifact.
+    sources: BTreeMap<usize, Arc<[Source]>>,
+}
+
+impl Cells {
+    fn new(all: Vec<PairGrid>, others: Vec<Cell>) -> Self {
+        let mut cells = Self {
+            others,
+            ..Self::default()
+        };
+        for combination in all {
+            let first = cells.n_combinations;
+            cells.n_combinations += combination.n_cells();
+            cells.combinations.push((first, combination));
+        }
+        cells
+    }
+
+    /// Number of cells.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.n_combinations + self.others.len()
+    }
+
+    /// Number of combinations among the cells; these come first.
+    #[must_use]
+    pub fn n_combinations(&self) -> usize {
+        self.n_combinations
+    }
+
+    /// The combination with a cell, and the cell's place in it.
+    fn combination(&self, index: usize) -> Option<(&PairGrid, usize)> {
+        let after = self.combinations.partition_point(|(first, _)| *first <= index);
+        let (first, combination) = &self.combinations[..after].last()?;
+        (index < self.n_combinations).then_some((combination, index - first))
+    }
+
+    /// The cell with an index below [`len`](Self::len).
+    #[must_use]
+    pub fn at(&self, index: usize) -> Cell {
+        let cell = match self.combination(index) {
+            Some((combination, place)) => combination.cell(place),
+            None => self.others[index - self.n_combinations].clone(),
+        };
+        match self.sources.get(&index) {
+            Some(sources) => cell.taking(sources),
+            None => cell,
+        }
+    }
+
+    /// All cells, one after the other.
+    pub fn iter(&self) -> impl Iterator<Item = Cell> {
+        (0..self.len()).map(|index| self.at(index))
+    }
+
+    /// Place in the study of the cell with an index.
+    #[must_use]
+    pub fn place(&self, index: usize) -> Place {
+        match self.combination(index) {
+            Some((PairGrid { pair, .. }, _)) => Place::Combination(pair.0, pair.1),
+            None => self.others[index - self.n_combinations].place,
+        }
+    }
+
+    /// The indices of the cells of an environment and an agent.
+    #[must_use]
+    pub fn of_pair(&self, pair: (usize, usize)) -> Range<usize> {
+        let found = self.combinations.iter().find(|(_, it)| it.pair == pair);
+        found.map_or(0..0, |(first, it)| *first..first + it.n_cells())
+    }
+
+    /// The first cell that is no combination and for which `holds` is true.
+    pub fn other(&self, holds: impl Fn(&Cell) -> bool) -> Option<usize> {
+        let place = self.others.iter().position(holds)?;
+        Some(self.n_combinations + place)
+    }
+
+    /// The settings of combinations in words, in order, each once.
+    pub(super) fn settings(&self) -> Vec<Arc<str>> {
+        let (mut seen, mut settings) = (HashSet::new(), Vec::new());
+        for (_, combination) in &self.combinations {
+            for place in 0..combination.n_cells() {
+                let points = points_at(&combination.dimensions, place);
+                let setting: Arc<str> = combination.setting(&points).to_string().into();
+                if seen.insert(Arc::clone(&setting)) {
+                    settings.push(setting);
+                }
+            }
+        }
+        settings
+    }
+
+    /// Artifacts that the cell with an index takes.
+    #[must_use]
+    pub fn sources(&self, index: usize) -> &[Source] {
+        self.sources.get(&index).map_or(&[], |sources| &**sources)
+    }
+
+    /// The cells whose configs name an artifact.
+    pub(super) fn naming(&self) -> impl Iterator<Item = usize> {
+        let names = |(_, it): &&(usize, PairGrid)| it.parts.iter().any(|grid| grid.names_artifacts);
+        let combinations = self.combinations.iter().filter(names);
+        combinations
+            .flat_map(|(first, it)| *first..first + it.n_cells())
+            .chain(self.n_combinations..self.len())
+    }
+
+    /// Number of parts and changes in memory for combinations.
+    #[cfg(test)]
+    pub(super) fn n_kept(&self) -> usize {
+        let grids = self.combinations.iter().flat_map(|(_, it)| &it.parts);
+        grids.map(|grid| grid.n_kept()).sum()
+    }
+
+    /// The same cells with the artifacts that they take.
+    pub(super) fn taking(self, sources: BTreeMap<usize, Arc<[Source]>>) -> Self {
+        Self { sources, ..self }
+    }
+}
 
 impl Sections<'_> {
     /// All cells: combinations in the order of environments, agents and points, then the entries of
@@ -24,11 +156,7 @@ impl Sections<'_> {
         let mut known = PartCache::new(self);
         let swept = self.swept();
         for pair in self.pairs() {
-            let targets = [
-                Target::Environment(pair.0),
-                Target::Agent(pair.1),
-                Target::Protocol,
-            ];
+            let targets = Target::of_pair(pair);
             match known.grids(targets, pair) {
                 Ok(parts) => combinations.push(PairGrid {
                     pair,
@@ -48,7 +176,7 @@ impl Sections<'_> {
             keep(targets.and_then(|targets| known.prepared(index, targets)));
         }
         for (index, searched) in self.searches.iter().enumerate() {
-            (0..searched.points.len()).for_each(|point| keep(known.tried(index, point)));
+            (0..searched.progress.points.len()).for_each(|point| keep(known.tried(index, point)));
         }
         for (environment, agent) in self.pairs() {
             match known.leading(environment, agent) {
@@ -116,8 +244,8 @@ impl Sections<'_> {
         let of_dimension = |(dimension, it): (usize, &Dimension<'_>)| {
             let of_key = |key: &SweptKey<'_>| SettingKey {
                 dimension,
-                name: key.text.as_str().into(),
-                values: key.values.iter().map(Node::to_value).collect(),
+                name: Arc::clone(&key.text),
+                values: Arc::clone(&key.values),
             };
             let keys = it.keys.iter().map(|key| (key.path.target, of_key(key)));
             keys.collect::<Vec<_>>()
@@ -140,4 +268,51 @@ fn of_targets(targets: &[Target], swept: &[(Target, SettingKey)]) -> Vec<Setting
         ..key.clone()
     };
     own.into_iter().zip(names(&written)).map(named).collect()
+}
+
+/// A swept key as settings have it.
+#[derive(Debug, Clone)]
+struct SettingKey {
+    /// Index of its dimension in the sweep.
+    dimension: usize,
+    /// Its name in settings.
+    name: Arc<str>,
+    /// Its value at every point of the dimension.
+    values: Arc<[Value]>,
+}
+
+/// An environment and an agent at every point of the dimensions that concern them.
+#[derive(Debug, Clone)]
+struct PairGrid {
+    /// Environment and agent.
+    pair: (usize, usize),
+    /// The dimensions, by their places in the sweep, with how many points each has.
+    dimensions: Vec<(usize, usize)>,
+    /// The keys of its settings.
+    keys: Vec<SettingKey>,
+    /// Environment, agent and protocol.
+    parts: [Arc<Grid>; 3],
+}
+
+impl PairGrid {
+    fn n_cells(&self) -> usize {
+        self.dimensions.iter().map(|(_, count)| count).product()
+    }
+
+    /// The setting at a point.
+    fn setting(&self, points: &[(usize, usize)]) -> SweepPoint {
+        let value = |key: &SettingKey| {
+            let (_, point) = points.iter().find(|(dimension, _)| *dimension == key.dimension)?;
+            Some((Arc::clone(&key.name), key.values[*point].clone()))
+        };
+        self.keys.iter().filter_map(value).collect()
+    }
+
+    /// The cell at a point, by its place among them.
+    fn cell(&self, place: usize) -> Cell {
+        let points = points_at(&self.dimensions, place);
+        let parts = self.parts.each_ref().map(|grid| grid.at(&points));
+        let place = Place::Combination(self.pair.0, self.pair.1);
+        Cell::new(place, self.setting(&points), parts)
+    }
 }

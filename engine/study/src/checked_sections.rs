@@ -60,19 +60,10 @@ impl Sections<'_> {
     /// Number of cells, without making them.
     #[must_use]
     pub fn count(&self) -> u64 {
-        let points = |(environment, agent): (usize, usize)| {
-            let targets = [
-                Target::Environment(environment),
-                Target::Agent(agent),
-                Target::Protocol,
-            ];
-            let relevant = self
-                .dimensions
-                .iter()
-                .filter(|dimension| dimension.concerns(&targets));
-            relevant.fold(1u64, |count, dimension| {
-                count.saturating_mul(dimension.n_points() as u64)
-            })
+        let points = |pair| {
+            let concerned = self.concerned(&Target::of_pair(pair));
+            let counts = concerned.iter().map(|(_, count)| *count as u64);
+            counts.fold(1, u64::saturating_mul)
         };
         self.pairs()
             .map(points)
@@ -124,13 +115,11 @@ impl Sections<'_> {
                 .iter()
                 .filter(|key| key.path.target == given.target)
             {
-                key.path.assign(&mut config, &key.values[*point]);
+                key.assign(*point, &mut config);
             }
         }
         if let Some((search, point)) = given.tried {
-            let searched = &self.searches[search];
-            let values = searched.paths.iter().zip(&searched.points[point]);
-            values.for_each(|(path, value)| path.assign(&mut config, value));
+            self.searches[search].assign(point, &mut config);
         }
         if let Some(stretch) = given.stretch {
             stretch.assign(&self.searches[stretch.search].search.name, &mut config);
@@ -188,7 +177,7 @@ impl Sections<'_> {
     /// The setting that was chosen for an agent: the search and its place there.
     pub(super) fn chosen(&self, agent: usize) -> Option<(usize, usize)> {
         let search = self.searches.iter().position(|it| it.agent == agent)?;
-        Some((search, self.searches[search].chosen?))
+        Some((search, self.searches[search].progress.chosen?))
     }
 
     /// The plugin of a part.

@@ -1,6 +1,6 @@
 //! A study that was read and checked.
 
-use super::{cell::Cells, confirmations::Confirmation, repeats::Repeats, resolved};
+use super::{cells::Cells, confirmations::Confirmation, repeats::Repeats, resolved};
 use ::imported::Imported;
 use analysis::{
     results::PaperBudget,

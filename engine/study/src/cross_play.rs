@@ -1,7 +1,7 @@
 //! Plays: players of each role, the environment, and the trainings that come before.
 
 use super::{
-    cell::Cells,
+    cells::Cells,
     checked_sections::{MOST_TRIALS, Sections},
     config::{self, Files, locate},
     part::Form,

@@ -1,7 +1,8 @@
 //! Dependencies between cells: the entries that configs name by `{ from: NAME }`, found among the cells of the study.
 
 use super::{
-    cell::{Cell, Cells, Place, Source},
+    cell::{Cell, Place, Source},
+    cells::Cells,
     checked_sections::Sections,
     config::locate,
     part::ResolvedPart,

@@ -2,7 +2,7 @@
 
 use super::{
     blocks, builds,
-    cell::Cells,
+    cells::Cells,
     checked_sections::{MOST_TRIALS, Sections},
     checked_study::Study,
     confirmations::{self, Confirmation},
@@ -329,7 +329,11 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: FinishedSections) -> Stu
         announced: vocabulary.announced,
         warnings: in_order(sections.repeats().chain(vocabulary.warnings).collect()),
         repeats: sections.dimensions.iter().find_map(Repeats::of),
-        searches: sections.searches.iter().map(search::progress).collect(),
+        searches: sections
+            .searches
+            .iter()
+            .map(|it| (it.search.clone(), it.progress.clone()))
+            .collect(),
         metrics: vocabulary.metrics,
         units: vocabulary.units,
         prepared: sections

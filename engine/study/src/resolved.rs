@@ -190,7 +190,7 @@ fn play(play: &Play) -> Value {
 fn sweep(root: &Node, sections: &Sections<'_>) -> Section {
     let kept = |entry: &&Entry| {
         let mut keys = sections.dimensions.iter().flat_map(|dimension| &dimension.keys);
-        keys.any(|key| key.text == entry.key)
+        keys.any(|key| *key.text == entry.key)
     };
     let entries = root
         .get("sweep")

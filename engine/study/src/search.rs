@@ -10,6 +10,7 @@ use super::{
     written::{NamedPart, Target, Written},
 };
 use analysis::search::{Direction, FIRST_TUNING_SEED, Failed, Method, Progress, Range, Search, lineage};
+use contract::sweep_point::{SweepPoint, names};
 use document::{
     Entry, FittingEntries, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
@@ -101,29 +102,42 @@ pub struct LocatedSearch<'a> {
     pub agent: usize,
     /// The searched keys, in the order of the study.
     pub paths: Vec<KeyPath<'a>>,
-    /// The settings that are tried: a value for each key.
-    pub points: Vec<Vec<Node>>,
-    /// The step at which the trials of each pause.
-    pub stops: Vec<Option<u64>>,
-    /// For each the place of the one whose learning it goes on with.
-    pub parents: Vec<Option<usize>>,
-    /// Place of the chosen setting; `None` before the choice.
-    pub chosen: Option<usize>,
+    /// The settings that are tried, with a value for each key, and the choice among them.
+    pub progress: Progress,
 }
 
 impl LocatedSearch<'_> {
+    /// Environment and agent, by their indices.
+    #[must_use]
+    pub fn pair(&self) -> (usize, usize) {
+        (self.environment, self.agent)
+    }
+
+    /// Writes the setting at a place into a config of the agent.
+    pub(super) fn assign(&self, place: usize, config: &mut Node) {
+        for (path, value) in self.paths.iter().zip(&self.progress.points[place]) {
+            path.assign(config, &Node::from_value(path.span, value));
+        }
+    }
+
+    /// The setting at a place, with its keys as they are written.
+    pub(super) fn point(&self, place: usize) -> SweepPoint {
+        let keys: Vec<&str> = self.search.keys.iter().map(|(text, _)| text.as_str()).collect();
+        let values = self.progress.points[place].iter().cloned();
+        names(&keys).into_iter().zip(values).collect()
+    }
+
     /// The place of the setting whose learning the one at `place` goes on with.
     #[must_use]
     pub fn parent(&self, place: usize) -> Option<usize> {
-        self.parents.get(place).copied().flatten()
+        self.progress.parents.get(place).copied().flatten()
     }
 
     /// The settings along the way to the chosen member of a population, without that; none for other searches.
     #[must_use]
     pub fn way_to_chosen(&self) -> Vec<usize> {
-        let mut way = self
-            .chosen
-            .map_or_else(Vec::new, |chosen| lineage(&self.parents, chosen));
+        let Progress { chosen, parents, .. } = &self.progress;
+        let mut way = chosen.map_or_else(Vec::new, |chosen| lineage(parents, chosen));
         way.pop();
         way
     }
@@ -168,18 +182,6 @@ pub fn read<'a>(
     }
 }
 
-/// The search alone, and how far it is.
-pub(super) fn progress(searched: &LocatedSearch<'_>) -> (Search, Progress) {
-    let values = |point: &Vec<Node>| point.iter().map(Node::to_value).collect();
-    let progress = Progress {
-        points: searched.points.iter().map(values).collect(),
-        stops: searched.stops.clone(),
-        parents: searched.parents.clone(),
-        chosen: searched.chosen,
-    };
-    (searched.search.clone(), progress)
-}
-
 struct SearchReader<'a, 's> {
     text: &'s SearchText,
     named: &'s NamedPart,
@@ -205,16 +207,8 @@ impl<'a> SearchReader<'a, '_> {
         self.can_move(&keys, &text.method)?;
         self.has_members(text.settings, &text.method)?;
         let progress = progress.get(&self.named.name).cloned().unwrap_or_default();
-        let node = |value: &Value| Node::from_value(self.named.name_span, value);
-        let points = progress
-            .points
-            .iter()
-            .map(|point| point.iter().map(node).collect());
         Ok(LocatedSearch {
-            points: points.collect(),
-            chosen: progress.chosen,
-            stops: progress.stops,
-            parents: progress.parents,
+            progress,
             environment,
             agent,
             search: Search {

@@ -1,6 +1,6 @@
 //! Checks of searches against the metrics of trials: the compared metric, and the pauses.
 
-use super::{checked_sections::Sections, known, search::LocatedSearch, written::Target};
+use super::{checked_sections::Sections, parts, search::LocatedSearch, written::Target};
 use analysis::search::Search;
 use contract::{
     Better, Interface, random,
@@ -78,7 +78,7 @@ fn compared_by(names: &mut Names<'_>, search: &Search, place: &Place<'_>) {
 /// Reports a search that cannot pause its trials, and a population that cannot go on from them.
 fn pauses(names: &mut Names<'_>, sections: &Sections<'_>, searched: &LocatedSearch<'_>, place: &Place<'_>) {
     let plugin = sections.written.protocol.plugin.as_str();
-    let config = known::protocol_of(sections, searched);
+    let config = parts::protocol_of(sections, searched);
     let entry = sections.registry.protocols.get(plugin);
     let built = entry
         .zip(config)
@@ -138,7 +138,7 @@ fn own_training(sections: &Sections<'_>, searched: &LocatedSearch<'_>) -> Option
     let named = sections.written.part(Target::Agent(searched.agent))?;
     let entry = sections.registry.agents.get(named.plugin.as_str());
     let entry = entry.filter(|entry| entry.traits.trains_itself)?;
-    let config = known::agent_of(sections, searched)?;
+    let config = parts::agent_of(sections, searched)?;
     let nothing = Interface {
         seats: Vec::new(),
         state: Vec::new(),

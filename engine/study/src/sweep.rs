@@ -12,16 +12,20 @@ use analysis::search::Numbers;
 use contract::{random, sweep_point::word};
 use document::{
     Entry, FittingEntries, Node,
-    diagnostic::{Diagnostic, Sources},
+    diagnostic::{Diagnostic, Sources, Span},
 };
 use rand::{Rng as _, seq::SliceRandom};
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use serde_json::Value;
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    borrow::Cow,
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// A way to make the values of a swept key.
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(super) enum Generator {
     /// Every combination of listed values.
@@ -52,7 +56,7 @@ pub(super) enum Generator {
 }
 
 /// A value for each point.
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(transparent)]
 pub(super) struct ValueList(#[schemars(length(min = 1))] Vec<Value>);
 
@@ -60,7 +64,7 @@ pub(super) struct ValueList(#[schemars(length(min = 1))] Vec<Value>);
 const MOST_SAMPLES: usize = 100_000;
 
 /// Samples between two limits.
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Samples {
     /// Smallest value.
@@ -73,7 +77,7 @@ pub(super) struct Samples {
 }
 
 /// Samples between two limits, with one in each of equally likely slices.
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SlicedSamples {
     /// Smallest value.
@@ -94,17 +98,33 @@ pub struct SweptKey<'a> {
     /// The key in the study.
     pub path: KeyPath<'a>,
     /// Path of the key, as it is written.
-    pub text: String,
+    pub text: Arc<str>,
     /// Values of the key, one for each point.
-    pub values: Vec<Node>,
+    pub values: Arc<[Value]>,
+    /// Where each value is written; the place of the generator for samples.
+    spans: Vec<Span>,
 }
 
 impl SweptKey<'_> {
+    /// Writes the value of a point into the config of the key's part.
+    pub(super) fn assign(&self, point: usize, config: &mut Node) {
+        self.path
+            .assign(config, &Node::from_value(self.spans[point], &self.values[point]));
+    }
+
     /// The key and its values as tables and claims name them.
     #[must_use]
     pub fn in_words(&self) -> (String, Vec<String>) {
-        let values = self.values.iter().map(|value| word(&value.to_value()));
-        (self.text.clone(), values.collect())
+        (self.text.to_string(), self.values.iter().map(word).collect())
+    }
+
+    /// Leaves the points for which `is_kept` is true.
+    fn keep(&mut self, is_kept: &[bool]) {
+        let own = self.values.iter().zip(&self.spans).zip(is_kept);
+        let kept = own.filter_map(|(point, is_kept)| is_kept.then_some(point));
+        let (values, spans): (Vec<Value>, Vec<Span>) =
+            kept.map(|(value, span)| (value.clone(), *span)).unzip();
+        (self.values, self.spans) = (values.into(), spans);
     }
 }
 
@@ -130,9 +150,8 @@ impl Dimension<'_> {
         let is_new: Vec<bool> = (0..self.n_points())
             .map(|index| seen.insert(point(&self.keys, index)))
             .collect();
-        for key in &mut self.keys {
-            let mut is_new = is_new.iter();
-            key.values.retain(|_| is_new.next().is_some_and(|is_new| *is_new));
+        if is_new.contains(&false) {
+            self.keys.iter_mut().for_each(|key| key.keep(&is_new));
         }
     }
 
@@ -247,33 +266,37 @@ fn swept_key<'a>(
             "give each preset a name of its own under `environments` or `agents`",
         )]);
     }
-    let values = values(generator, &path, &at, sources).map_err(|error| vec![*error])?;
-    let wrong: Vec<Diagnostic> = values
+    let (values, nodes) = values(generator, &path, &at, sources).map_err(|error| vec![*error])?;
+    let wrong: Vec<Diagnostic> = nodes
         .iter()
-        .flat_map(|value| path.check(value, &at, sources))
+        .flat_map(|node| path.check(node, &at, sources))
         .take(1)
         .collect();
     if wrong.is_empty() {
         Ok(SweptKey {
             path,
-            text: entry.key.clone(),
-            values,
+            text: entry.key.as_str().into(),
+            values: values.into(),
+            spans: nodes.iter().map(|node| node.span).collect(),
         })
     } else {
         Err(wrong)
     }
 }
 
-fn values(
-    (generator, written): (Option<&Generator>, &Entry),
+/// The values of a key, and each where it is written.
+fn values<'a>(
+    (generator, written): (Option<&Generator>, &'a Entry),
     path: &KeyPath<'_>,
     at: &str,
     sources: &Sources,
-) -> Result<Vec<Node>, Box<Diagnostic>> {
+) -> Result<(Vec<Value>, Cow<'a, [Node]>), Box<Diagnostic>> {
     let (low, high, count, log) = match generator {
         // A generator that the check against the schema refused has no values.
-        None => return Ok(vec![]),
-        Some(Generator::Grid(_) | Generator::Zip(_)) => return Ok(written.value.items().to_vec()),
+        None => return Ok(Default::default()),
+        Some(Generator::Grid(ValueList(values)) | Generator::Zip(ValueList(values))) => {
+            return Ok((values.clone(), written.value.items().into()));
+        }
         Some(&Generator::Random(Samples { low, high, samples })) => (low, high, samples, false),
         Some(&Generator::LogUniform(Samples { low, high, samples })) => (low, high, samples, true),
         Some(&Generator::LatinHypercube(SlicedSamples {
@@ -284,7 +307,7 @@ fn values(
         })) => (low, high, samples, log),
     };
     if count > MOST_SAMPLES {
-        return Ok(vec![]);
+        return Ok(Default::default());
     }
     let range = numbers(written, path, (low, high, log), at, sources)?;
     let name = path.name();
@@ -293,10 +316,10 @@ fn values(
     } else {
         independent(&name, &written.key, count)
     };
-    Ok(drawn
-        .into_iter()
-        .map(|share| Node::scalar(written.key_span, range.at(share)))
-        .collect())
+    let values: Vec<Value> = drawn.into_iter().map(|share| range.at(share)).collect();
+    let node = |value: &Value| Node::from_value(written.key_span, value);
+    let nodes = values.iter().map(node).collect();
+    Ok((values, nodes))
 }
 
 /// Numbers between the two limits under the key of `written`, for a key of the study.
@@ -415,12 +438,12 @@ fn points_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnost
     for Dimension { keys, .. } in dimensions {
         let Some(first) = keys.first() else { continue };
         let mut seen = BTreeMap::new();
-        for (index, value) in first.values.iter().enumerate() {
+        for (index, span) in first.spans.iter().enumerate() {
             let point = point(keys, index);
-            let earlier = *seen.entry(point).or_insert(value.span);
-            if earlier != value.span {
+            let earlier = *seen.entry(point).or_insert(*span);
+            if earlier != *span {
                 let message = "this point of the sweep is given twice";
-                let error = sources.error(value.span, &format!("sweep.{}", first.text), message);
+                let error = sources.error(*span, &format!("sweep.{}", first.text), message);
                 let note = error.note("it is given first here", sources.place(earlier));
                 found.push(note.help("write it once: its trials would be the same ones"));
             }
@@ -433,7 +456,7 @@ fn points_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnost
 fn point(keys: &[SweptKey<'_>], index: usize) -> Vec<String> {
     let values = keys.iter().filter_map(|key| key.values.get(index));
     values
-        .map(|node| comparable(node.to_value()).to_string())
+        .map(|value| comparable(value.clone()).to_string())
         .collect()
 }
 

@@ -89,6 +89,14 @@ pub enum Target {
     Seeds,
 }
 
+impl Target {
+    /// The parts of the trials of an environment and an agent, by their indices.
+    #[must_use]
+    pub fn of_pair((environment, agent): (usize, usize)) -> [Self; 3] {
+        [Self::Environment(environment), Self::Agent(agent), Self::Protocol]
+    }
+}
+
 impl PreparedTrial {
     /// The part that is written in the entry; `None` for one of the study's.
     #[must_use]

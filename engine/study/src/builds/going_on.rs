@@ -1,7 +1,7 @@
 //! Checks of learning that goes on from an artifact: in the same environment, by an agent that the learned values fit.
 
 use super::Builder;
-use crate::{cell::Cell, dependencies, known, search::LocatedSearch};
+use crate::{cell::Cell, dependencies, parts, search::LocatedSearch};
 use contract::{
     Agent, ArtifactKind, Interface,
     protocol::{load_from_checkpoint, write_checkpoint_specimen},
@@ -94,7 +94,7 @@ impl Builder<'_> {
         shares: &[f64],
         interface: &Interface,
     ) -> Option<Box<dyn Agent>> {
-        let part = known::member(self.sections, searched, shares)?;
+        let part = parts::member(self.sections, searched, shares)?;
         let entry = self.sections.registry.agents.get(part.plugin.as_str())?;
         if !part.artifacts.is_empty() {
             return None;

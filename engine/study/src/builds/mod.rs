@@ -7,7 +7,8 @@ mod stubs;
 mod tried;
 
 use crate::{
-    cell::{Cell, Cells},
+    cell::Cell,
+    cells::Cells,
     checked_sections::Sections,
     config::locate,
     fit,

@@ -1,37 +1,36 @@
 //! The parts that cells are made of, each resolved once for all cells that share it.
 
-use super::{
+mod grid;
+
+use crate::{
     cell::{Cell, Place},
     checked_sections::Sections,
     config::{self, Files},
-    grid::Grid,
     overrides::Override,
     part::{ConfigOrigin, Form, ResolvedPart},
     schedule::ScheduleStretch,
     search::LocatedSearch,
     written::Target,
 };
-use contract::{
-    complete_config::CompleteConfig,
-    part::Part,
-    sweep_point::{SweepPoint, names},
-};
+pub(crate) use grid::{Grid, points_at};
+
+use contract::{complete_config::CompleteConfig, part::Part, sweep_point::SweepPoint};
 use document::{Node, diagnostic::Diagnostic};
 use std::{collections::BTreeMap, sync::Arc};
 
-pub(super) type PartResult = Result<Arc<ResolvedPart>, Vec<Diagnostic>>;
+pub(crate) type PartResult = Result<Arc<ResolvedPart>, Vec<Diagnostic>>;
 
 /// Parts that were resolved already, for all cells that share them.
-pub(super) struct PartCache<'a> {
-    pub(super) sections: &'a Sections<'a>,
-    pub(super) files: Files<'a>,
+pub(crate) struct PartCache<'a> {
+    pub(crate) sections: &'a Sections<'a>,
+    pub(crate) files: Files<'a>,
     parts: BTreeMap<ConfigOrigin, PartResult>,
     /// By the origin of the config at the first point.
     grids: BTreeMap<ConfigOrigin, Result<Arc<Grid>, Vec<Diagnostic>>>,
 }
 
 impl<'a> PartCache<'a> {
-    pub(super) fn new(sections: &'a Sections<'a>) -> Self {
+    pub(crate) fn new(sections: &'a Sections<'a>) -> Self {
         Self {
             sections,
             files: Files::new(sections.folder),
@@ -41,7 +40,7 @@ impl<'a> PartCache<'a> {
     }
 
     /// The parts of an environment and an agent at every point of the sweep.
-    pub(super) fn grids(
+    pub(crate) fn grids(
         &mut self,
         targets: [Target; 3],
         pair: (usize, usize),
@@ -68,7 +67,7 @@ impl<'a> PartCache<'a> {
 
     /// An entry of `prepare`. Overrides that select no environment and no agent, or those that it takes from
     /// the study, apply to it too.
-    pub(super) fn prepared(&mut self, index: usize, targets: [Target; 3]) -> Result<Cell, Vec<Diagnostic>> {
+    pub(crate) fn prepared(&mut self, index: usize, targets: [Target; 3]) -> Result<Cell, Vec<Diagnostic>> {
         let swept = self
             .sections
             .dimensions
@@ -98,53 +97,31 @@ impl<'a> PartCache<'a> {
     }
 
     /// A setting that a search tries.
-    pub(super) fn tried(&mut self, search: usize, place: usize) -> Result<Cell, Vec<Diagnostic>> {
+    pub(crate) fn tried(&mut self, search: usize, place: usize) -> Result<Cell, Vec<Diagnostic>> {
         let searched = &self.sections.searches[search];
-        let (environment, agent) = (searched.environment, searched.agent);
-        let targets = [
-            Target::Environment(environment),
-            Target::Agent(agent),
-            Target::Protocol,
-        ];
-        let parts = self.parts(targets, (environment, agent), &[], Some((search, place)))?;
-        Ok(Cell::new(Place::Tried(search), self.point(search, place), parts))
-    }
-
-    /// A setting of a search, with its keys as they are written.
-    pub(super) fn point(&self, search: usize, place: usize) -> SweepPoint {
-        let searched = &self.sections.searches[search];
-        let keys: Vec<&str> = searched
-            .search
-            .keys
-            .iter()
-            .map(|(text, _)| text.as_str())
-            .collect();
-        let values = searched.points[place].iter().map(Node::to_value);
-        names(&keys).into_iter().zip(values).collect()
+        let pair = searched.pair();
+        let parts = self.parts(Target::of_pair(pair), pair, &[], Some((search, place)))?;
+        Ok(Cell::new(Place::Tried(search), searched.point(place), parts))
     }
 
     /// The stretches that lead a combination to the last setting of the schedule that was found for its agent: none
     /// where a setting was found.
-    pub(super) fn leading(&mut self, environment: usize, agent: usize) -> Result<Vec<Cell>, Vec<Diagnostic>> {
+    pub(crate) fn leading(&mut self, environment: usize, agent: usize) -> Result<Vec<Cell>, Vec<Diagnostic>> {
         let Some((search, _)) = self.sections.chosen(agent) else {
             return Ok(Vec::new());
         };
-        let targets = [
-            Target::Environment(environment),
-            Target::Agent(agent),
-            Target::Protocol,
-        ];
-        let way = self.sections.searches[search].way_to_chosen();
+        let targets = Target::of_pair((environment, agent));
+        let searched = &self.sections.searches[search];
         let cell = |place: usize| {
             let parts = self.parts(targets, (environment, agent), &[], Some((search, place)))?;
-            let point = self.point(search, place);
+            let point = searched.point(place);
             Ok(Cell::new(Place::Leading(environment, agent), point, parts))
         };
-        way.into_iter().map(cell).collect()
+        searched.way_to_chosen().into_iter().map(cell).collect()
     }
 
     /// Refuses an entry of `prepare` with an agent whose schedule is searched.
-    pub(super) fn needs_no_schedule(&self, entry: usize, agent: Target) -> Result<(), Vec<Diagnostic>> {
+    pub(crate) fn needs_no_schedule(&self, entry: usize, agent: Target) -> Result<(), Vec<Diagnostic>> {
         let is_of_agent =
             |it: &&LocatedSearch<'_>| Target::Agent(it.agent) == agent && it.search.is_population();
         let Some(searched) = self.sections.searches.iter().find(is_of_agent) else {
@@ -160,7 +137,7 @@ impl<'a> PartCache<'a> {
         Err(vec![error.help("write the agent that is meant into the entry")])
     }
 
-    pub(super) fn parts(
+    pub(crate) fn parts(
         &mut self,
         targets: [Target; 3],
         pair: (usize, usize),
@@ -212,7 +189,7 @@ impl<'a> PartCache<'a> {
         }
     }
 
-    pub(super) fn part(&mut self, given: ConfigOrigin) -> PartResult {
+    pub(crate) fn part(&mut self, given: ConfigOrigin) -> PartResult {
         if let Some(known) = self.parts.get(&given) {
             return known.clone();
         }
@@ -236,25 +213,15 @@ pub fn agent_of(sections: &Sections<'_>, searched: &LocatedSearch<'_>) -> Option
 
 fn parts_of(sections: &Sections<'_>, searched: &LocatedSearch<'_>) -> Option<[Arc<ResolvedPart>; 3]> {
     let mut known = PartCache::new(sections);
-    let targets = [
-        Target::Environment(searched.environment),
-        Target::Agent(searched.agent),
-        Target::Protocol,
-    ];
-    known
-        .parts(targets, (searched.environment, searched.agent), &[], None)
-        .ok()
+    let pair = searched.pair();
+    known.parts(Target::of_pair(pair), pair, &[], None).ok()
 }
 
 /// The agent of a search with its keys at these shares of their ranges; `None` where that is refused.
-pub(super) fn member(sections: &Sections<'_>, searched: &LocatedSearch<'_>, shares: &[f64]) -> Option<Part> {
+pub(crate) fn member(sections: &Sections<'_>, searched: &LocatedSearch<'_>, shares: &[f64]) -> Option<Part> {
     let mut known = PartCache::new(sections);
-    let pair = (searched.environment, searched.agent);
-    let targets = [
-        Target::Environment(pair.0),
-        Target::Agent(pair.1),
-        Target::Protocol,
-    ];
+    let pair = searched.pair();
+    let targets = Target::of_pair(pair);
     let [_, agent, _] = known.parts(targets, pair, &[], None).ok()?;
     let mut config = sections.assigned(&agent.given);
     let keys = searched.paths.iter().zip(&searched.search.keys).zip(shares);

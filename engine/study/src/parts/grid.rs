@@ -1,7 +1,7 @@
 //! The configs of one part at every point of the dimensions that concern it. A sweep may have a million points: each is
 //! resolved once, on all cores, and only the parts that do not follow from the dimensions one by one are kept.
 
-use super::{
+use crate::{
     checked_sections::Sections,
     config::{Files, Plugin},
     part::{ConfigOrigin, ResolvedPart},
@@ -33,7 +33,7 @@ type PointChanges = Option<Box<[Arc<Change>]>>;
 
 /// A part at every point of some dimensions.
 #[derive(Debug)]
-pub(super) struct Grid {
+pub(crate) struct Grid {
     /// The dimensions, by their places in the sweep, with how many points each has; the first changes slowest.
     dimensions: Vec<(usize, usize)>,
     /// The part at the first point.
@@ -43,7 +43,7 @@ pub(super) struct Grid {
     /// Parts that are kept, by their place among all points.
     kept: BTreeMap<usize, Arc<ResolvedPart>>,
     /// Whether some config names an artifact of another trial.
-    pub(super) names_artifacts: bool,
+    pub(crate) names_artifacts: bool,
 }
 
 impl Grid {
@@ -83,7 +83,7 @@ impl Grid {
     }
 
     /// The part at a point of all dimensions of a combination.
-    pub(super) fn at(&self, points: &[(usize, usize)]) -> Arc<ResolvedPart> {
+    pub(crate) fn at(&self, points: &[(usize, usize)]) -> Arc<ResolvedPart> {
         let is_own = |(index, _): &&(usize, usize)| self.dimensions.iter().any(|(own, _)| own == index);
         let points: Vec<(usize, usize)> = points.iter().filter(is_own).copied().collect();
         let counts = self.dimensions.iter().map(|(_, count)| count);
@@ -108,13 +108,13 @@ impl Grid {
 
     /// Number of parts and changes in memory.
     #[cfg(test)]
-    pub(super) fn n_kept(&self) -> usize {
+    pub(crate) fn n_kept(&self) -> usize {
         self.kept.len() + self.single.iter().map(Vec::len).sum::<usize>()
     }
 }
 
 /// The point at a place, where the first dimension changes slowest.
-pub(super) fn points(dimensions: &[(usize, usize)], mut place: usize) -> Vec<(usize, usize)> {
+pub(crate) fn points_at(dimensions: &[(usize, usize)], mut place: usize) -> Vec<(usize, usize)> {
     let mut points: Vec<(usize, usize)> = Vec::with_capacity(dimensions.len());
     for (dimension, count) in dimensions.iter().rev() {
         points.push((*dimension, place % count));
@@ -169,7 +169,7 @@ impl GridBuilder<'_> {
         }
         let of_dimension = |place: usize| {
             let changed = |files: &mut Files<'_>, point: usize| {
-                let mut points = points(dimensions, 0);
+                let mut points = points_at(dimensions, 0);
                 points[place].1 = point;
                 // A mistake is found again where all points are resolved.
                 let part = self.resolve(points, files).ok()?.part;
@@ -198,7 +198,7 @@ impl GridBuilder<'_> {
                 .with_min_len(MANY);
             let found: Vec<_> = places
                 .map_with(self.files.clone(), |files, place| {
-                    let outcome = self.to_keep(points(dimensions, place), single, files);
+                    let outcome = self.to_keep(points_at(dimensions, place), single, files);
                     outcome.transpose().map(|outcome| (place, outcome))
                 })
                 .flatten_iter()
