@@ -3,16 +3,13 @@
 use contract::{
     ArtifactKind, Metric,
     part::Part,
-    sweep_point::{is_called, last_word},
+    sweep_point::{SweepPoint, is_called, last_word},
 };
 use document::diagnostic::Diagnostic;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    sync::Arc,
-};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Names of a study's environments, agents and settings, and of the metrics, artifacts and channels of its trials.
 #[derive(Debug, Default)]
@@ -28,7 +25,7 @@ pub struct Vocabulary {
     /// Names of traced channels, by environment.
     pub traced: BTreeMap<usize, BTreeSet<String>>,
     /// Points of the sweep, in order; one empty point without a sweep.
-    pub settings: Vec<Arc<str>>,
+    pub settings: Vec<SweepPoint>,
     /// The swept keys as they are written, each with its values as words.
     pub swept: Vec<(String, Vec<String>)>,
     /// Seeds of the study.

@@ -13,7 +13,7 @@ use contract::sweep_point::{SweepPoint, names};
 use document::diagnostic::{Diagnostic, Span, suggest};
 use serde_json::Value;
 use std::{
-    collections::{BTreeMap, HashSet},
+    collections::{BTreeMap, BTreeSet},
     ops::Range,
     sync::Arc,
 };
@@ -102,19 +102,14 @@ impl Cells {
         Some(self.n_combinations + place)
     }
 
-    /// The settings of combinations in words, in order, each once.
-    pub(super) fn settings(&self) -> Vec<Arc<str>> {
-        let (mut seen, mut settings) = (HashSet::new(), Vec::new());
-        for (_, combination) in &self.combinations {
-            for place in 0..combination.n_cells() {
-                let points = points_at(&combination.dimensions, place);
-                let setting: Arc<str> = combination.setting(&points).to_string().into();
-                if seen.insert(Arc::clone(&setting)) {
-                    settings.push(setting);
-                }
-            }
-        }
-        settings
+    /// The settings of combinations, in order, each once.
+    pub(super) fn settings(&self) -> Vec<SweepPoint> {
+        let mut seen = BTreeSet::new();
+        let settings = self.combinations.iter().flat_map(|(_, combination)| {
+            let places = 0..combination.n_cells();
+            places.map(|place| combination.setting(&points_at(&combination.dimensions, place)))
+        });
+        settings.filter(|setting| seen.insert(setting.clone())).collect()
     }
 
     /// Artifacts that the cell with an index takes.
