@@ -8,7 +8,38 @@ use std::{cmp::Ordering, fmt, sync::Arc};
 #[derive(Debug, Clone)]
 pub struct SweepPoint {
     words: Arc<str>,
-    values: Arc<[(Arc<str>, Value)]>,
+    entries: Arc<[Entry]>,
+}
+
+/// A swept key with its value.
+#[derive(Debug, Clone)]
+struct Entry {
+    /// The whole key, as in `sweep`.
+    key: Arc<str>,
+    /// Whether the last word stands for the key in words: no other key of the setting ends with it.
+    is_short: bool,
+    value: Value,
+}
+
+impl Entry {
+    fn shown(&self) -> &str {
+        if self.is_short {
+            last_word(&self.key)
+        } else {
+            &self.key
+        }
+    }
+}
+
+/// The swept keys of a setting that a name stands for.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Found<'a> {
+    /// No key has the name.
+    None,
+    /// The whole key, and its value.
+    One(&'a str, &'a Value),
+    /// The whole keys that end with the name.
+    Several(Vec<&'a str>),
 }
 
 impl Default for SweepPoint {
@@ -23,7 +54,19 @@ impl SweepPoint {
     pub fn of_words(words: impl Into<Arc<str>>) -> Self {
         Self {
             words: words.into(),
-            values: Arc::new([]),
+            entries: Arc::new([]),
+        }
+    }
+
+    fn of(entries: impl Iterator<Item = Entry>) -> Self {
+        let entries: Arc<[Entry]> = entries.collect();
+        let words: Vec<String> = entries
+            .iter()
+            .map(|it| format!("{}={}", it.shown(), word(&it.value)))
+            .collect();
+        Self {
+            words: words.join(" ").into(),
+            entries,
         }
     }
 
@@ -42,41 +85,53 @@ impl SweepPoint {
     /// The values, in the order of the keys.
     #[must_use]
     pub fn values(&self) -> Vec<&Value> {
-        self.values.iter().map(|(_, value)| value).collect()
+        self.entries.iter().map(|it| &it.value).collect()
     }
 
-    /// The value of a key, which may be given with its last word alone, as it may stand here.
+    /// The key that is called so: the one whose whole name this is, else the only one that ends with this word.
     #[must_use]
-    pub fn get(&self, key: &str) -> Option<&Value> {
-        self.values
-            .iter()
-            .find(|(name, _)| is_called(name, key))
-            .map(|(_, value)| value)
+    pub fn find(&self, name: &str) -> Found<'_> {
+        let exact = self.entries.iter().filter(|it| &*it.key == name);
+        let ending = self.entries.iter().filter(|it| last_word(&it.key) == name);
+        let called: Vec<&Entry> = exact.chain(ending).collect();
+        match called[..] {
+            [] => Found::None,
+            [one, ..] if called.len() == 1 || &*one.key == name => Found::One(&one.key, &one.value),
+            _ => Found::Several(called.iter().map(|it| &*it.key).collect()),
+        }
     }
 
-    /// The same point without a key.
+    /// The value of the key that is called so; `None` where the name is that of no key or of several.
     #[must_use]
-    pub fn without(&self, key: &str) -> Self {
-        self.values
-            .iter()
-            .filter(|(name, _)| !is_called(name, key))
-            .cloned()
-            .collect()
+    pub fn get(&self, name: &str) -> Option<&Value> {
+        match self.find(name) {
+            Found::One(_, value) => Some(value),
+            Found::None | Found::Several(_) => None,
+        }
+    }
+
+    /// The same point without the key that [`get`](Self::get) reads. Other keys keep their words.
+    #[must_use]
+    pub fn without(&self, name: &str) -> Self {
+        match self.find(name) {
+            Found::One(key, _) => Self::of(self.entries.iter().filter(|it| &*it.key != key).cloned()),
+            Found::None | Found::Several(_) => self.clone(),
+        }
     }
 }
 
 impl<K: Into<Arc<str>>> FromIterator<(K, Value)> for SweepPoint {
+    /// The point with these whole keys, each of which stands in words as [`names`] calls it.
     fn from_iter<T: IntoIterator<Item = (K, Value)>>(values: T) -> Self {
-        let values = values.into_iter().map(|(key, value)| (key.into(), value));
-        let values: Arc<[(Arc<str>, Value)]> = values.collect();
-        let words: Vec<String> = values
-            .iter()
-            .map(|(key, value)| format!("{key}={}", word(value)))
-            .collect();
-        Self {
-            words: words.join(" ").into(),
-            values,
-        }
+        let (keys, values): (Vec<Arc<str>>, Vec<Value>) =
+            values.into_iter().map(|(key, value)| (key.into(), value)).unzip();
+        let whole: Vec<&str> = keys.iter().map(|key| &**key).collect();
+        let named = keys.iter().zip(names(&whole)).zip(values);
+        Self::of(named.map(|((key, name), value)| Entry {
+            key: Arc::clone(key),
+            is_short: name != &**key,
+            value,
+        }))
     }
 }
 
@@ -98,12 +153,6 @@ impl Ord for SweepPoint {
     fn cmp(&self, other: &Self) -> Ordering {
         self.words.cmp(&other.words)
     }
-}
-
-/// Whether a swept key has this name: of both, the last word alone may be given.
-#[must_use]
-pub fn is_called(key: &str, name: &str) -> bool {
-    key == name || last_word(key) == name || key == last_word(name)
 }
 
 /// The last word of a dotted key.
@@ -143,26 +192,38 @@ mod tests {
     fn point() -> SweepPoint {
         let values = [
             ("dsac.rate", json!(1e-4)),
-            ("cells", json!(4)),
+            ("plant.cells", json!(4)),
             ("load", json!("a b=c")),
         ];
         values.into_iter().collect()
     }
 
     #[test]
-    fn a_key_is_found_by_its_last_word() {
-        assert_eq!(
-            (point().get("rate"), point().get("dsac.rate")),
-            (Some(&json!(1e-4)), Some(&json!(1e-4)))
-        );
-        assert_eq!(point().get("plant.cells"), Some(&json!(4)));
-        let unknown = [
-            point().get("ate").cloned(),
-            point().get("sac.rate").cloned(),
-            SweepPoint::default().get("rate").cloned(),
-        ];
-        assert_eq!(unknown, [None, None, None]);
+    fn a_key_is_found_by_its_whole_name_and_its_last_word() {
+        for name in ["rate", "dsac.rate"] {
+            assert_eq!(point().find(name), Found::One("dsac.rate", &json!(1e-4)));
+        }
+        for name in ["ate", "sac.rate", "dsac", ""] {
+            assert_eq!((point().find(name), point().get(name)), (Found::None, None));
+            assert_eq!(point().without(name), point());
+        }
+        assert_eq!(SweepPoint::of_words("rate=1").get("rate"), None);
         assert_eq!(point().without("rate").words(), r#"cells=4 load="a b=c""#);
+    }
+
+    #[test]
+    fn a_last_word_that_two_keys_share_is_the_name_of_neither() {
+        let both: SweepPoint = [("dsac.rate", json!(1)), ("plant.rate", json!(2))]
+            .into_iter()
+            .collect();
+        assert_eq!(both.words(), "dsac.rate=1 plant.rate=2");
+        assert_eq!(both.find("rate"), Found::Several(vec!["dsac.rate", "plant.rate"]));
+        assert_eq!(
+            (both.get("rate"), both.without("rate").words()),
+            (None, both.words())
+        );
+        assert_eq!(both.get("plant.rate"), Some(&json!(2)));
+        assert_eq!(both.without("plant.rate").words(), "dsac.rate=1");
     }
 
     #[test]
@@ -174,6 +235,6 @@ mod tests {
 
     #[test]
     fn it_is_written_as_words() {
-        assert_eq!(point().to_string(), r#"dsac.rate=0.0001 cells=4 load="a b=c""#);
+        assert_eq!(point().to_string(), r#"rate=0.0001 cells=4 load="a b=c""#);
     }
 }

@@ -3,7 +3,7 @@
 use contract::{
     ArtifactKind, Metric,
     part::Part,
-    sweep_point::{SweepPoint, is_called, last_word},
+    sweep_point::{Found, SweepPoint, last_word},
 };
 use document::diagnostic::Diagnostic;
 use schemars::JsonSchema;
@@ -58,20 +58,38 @@ pub struct KnownSearch {
 }
 
 impl Vocabulary {
-    /// The names of swept keys: the last word of each, and the whole key.
+    /// The names of swept keys: the last word of each, unless keys of one setting share it, and the whole key.
     #[must_use]
     pub fn swept_names(&self) -> Vec<&str> {
         let mut seen = BTreeSet::new();
         let keys = self.swept.iter().map(|(key, _)| key.as_str());
         keys.flat_map(|key| [last_word(key), key])
-            .filter(|name| seen.insert(*name))
+            .filter(|name| seen.insert(*name) && self.sharing(name).is_empty())
             .collect()
     }
 
-    /// The values of the swept keys that are called so; none where no sweep varies such a key.
+    /// The whole keys that share a last word within one setting; none where the name is that of one key or of none.
+    fn sharing(&self, name: &str) -> Vec<&str> {
+        let several = |point| match SweepPoint::find(point, name) {
+            Found::Several(keys) => Some(keys),
+            Found::None | Found::One(..) => None,
+        };
+        self.settings.iter().find_map(several).unwrap_or_default()
+    }
+
+    /// A sentence on the name of several keys of one setting, with the names to choose from; `None` for other names.
+    #[must_use]
+    pub fn ambiguity(&self, name: &str) -> Option<String> {
+        let keys = self.sharing(name);
+        let sentence = || format!("`{name}` is ambiguous here: name `{}`", keys.join("` or `"));
+        (!keys.is_empty()).then(sentence)
+    }
+
+    /// The values of the swept keys with this whole name or last word, as words; none where no sweep varies such a key.
     #[must_use]
     pub fn swept_values(&self, name: &str) -> Vec<String> {
-        let called = self.swept.iter().filter(|(key, _)| is_called(key, name));
+        let is_called = |key: &str| key == name || last_word(key) == name;
+        let called = self.swept.iter().filter(|(key, _)| is_called(key));
         called.flat_map(|(_, values)| values).cloned().collect()
     }
 

@@ -6,10 +6,9 @@ use super::{
     cell::{Cell, Place, Source},
     checked_sections::Sections,
     parts::{Grid, PartCache, points_at},
-    sweep::{Dimension, SweptKey},
     written::{NamedPart, PartKind, PreparedPart, PreparedTrial, Target},
 };
-use contract::sweep_point::{SweepPoint, names};
+use contract::sweep_point::SweepPoint;
 use document::diagnostic::{Diagnostic, Span, suggest};
 use serde_json::Value;
 use std::{
@@ -149,14 +148,13 @@ impl Sections<'_> {
     pub fn cells(&self) -> Result<Cells, Vec<Diagnostic>> {
         let (mut combinations, mut others, mut found) = (Vec::new(), Vec::new(), Vec::new());
         let mut known = PartCache::new(self);
-        let swept = self.swept();
         for pair in self.pairs() {
             let targets = Target::of_pair(pair);
             match known.grids(targets, pair) {
                 Ok(parts) => combinations.push(PairGrid {
                     pair,
                     dimensions: self.concerned(&targets),
-                    keys: of_targets(&targets, &swept),
+                    keys: self.swept(&targets),
                     parts,
                 }),
                 Err(errors) => found.extend(errors),
@@ -234,35 +232,18 @@ impl Sections<'_> {
         error.help(suggest(name, known.iter().map(|it| it.name.as_str())))
     }
 
-    /// All swept keys as they are written, with their targets.
-    fn swept(&self) -> Vec<(Target, SettingKey)> {
-        let of_dimension = |(dimension, it): (usize, &Dimension<'_>)| {
-            let of_key = |key: &SweptKey<'_>| SettingKey {
+    /// The swept keys of some parts.
+    fn swept(&self, targets: &[Target]) -> Vec<SettingKey> {
+        let dimensions = self.dimensions.iter().enumerate();
+        let keys = dimensions.flat_map(|(dimension, it)| it.keys.iter().map(move |key| (dimension, key)));
+        keys.filter(|(_, key)| targets.contains(&key.path.target))
+            .map(|(dimension, key)| SettingKey {
                 dimension,
                 name: Arc::clone(&key.text),
                 values: Arc::clone(&key.values),
-            };
-            let keys = it.keys.iter().map(|key| (key.path.target, of_key(key)));
-            keys.collect::<Vec<_>>()
-        };
-        self.dimensions
-            .iter()
-            .enumerate()
-            .flat_map(of_dimension)
+            })
             .collect()
     }
-}
-
-/// The swept keys of some targets, with the names that they have in settings.
-fn of_targets(targets: &[Target], swept: &[(Target, SettingKey)]) -> Vec<SettingKey> {
-    let own = swept.iter().filter(|(target, _)| targets.contains(target));
-    let own: Vec<&SettingKey> = own.map(|(_, key)| key).collect();
-    let written: Vec<&str> = own.iter().map(|key| &*key.name).collect();
-    let named = |(key, name): (&SettingKey, &str)| SettingKey {
-        name: name.into(),
-        ..key.clone()
-    };
-    own.into_iter().zip(names(&written)).map(named).collect()
 }
 
 /// A swept key as settings have it.
@@ -270,7 +251,7 @@ fn of_targets(targets: &[Target], swept: &[(Target, SettingKey)]) -> Vec<Setting
 struct SettingKey {
     /// Index of its dimension in the sweep.
     dimension: usize,
-    /// Its name in settings.
+    /// The whole key, as it is written.
     name: Arc<str>,
     /// Its value at every point of the dimension.
     values: Arc<[Value]>,

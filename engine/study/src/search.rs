@@ -10,7 +10,7 @@ use super::{
     written::{NamedPart, Target, Written},
 };
 use analysis::search::{Direction, FIRST_TUNING_SEED, Failed, Method, Progress, Range, Search, lineage};
-use contract::sweep_point::{SweepPoint, names};
+use contract::sweep_point::SweepPoint;
 use document::{
     Entry, FittingEntries, Node,
     diagnostic::{Diagnostic, Sources, Span, suggest},
@@ -122,9 +122,9 @@ impl LocatedSearch<'_> {
 
     /// The setting at a place, with its keys as they are written.
     pub(super) fn point(&self, place: usize) -> SweepPoint {
-        let keys: Vec<&str> = self.search.keys.iter().map(|(text, _)| text.as_str()).collect();
+        let keys = self.search.keys.iter().map(|(text, _)| text.as_str());
         let values = self.progress.points[place].iter().cloned();
-        names(&keys).into_iter().zip(values).collect()
+        keys.zip(values).collect()
     }
 
     /// The place of the setting whose learning the one at `place` goes on with.

@@ -332,8 +332,8 @@ fn settings_split_the_rows_and_are_never_pooled() {
     let with =
         |setting: &str, value| trial("e", "a", setting, 0, &vec![(Phase::Final, 1, 0, "return", value)]);
     let results = Results::of(vec![
-        with("a.rate=1", 1.0),
-        with("a.rate=2", 5.0),
+        with("rate=1", 1.0),
+        with("rate=2", 5.0),
         final_value("f", "a", 0, 9.0),
     ]);
     let grid = super::compare(
@@ -345,7 +345,7 @@ fn settings_split_the_rows_and_are_never_pooled() {
     )
     .unwrap();
     let rows: Vec<&str> = grid.rows.iter().map(|row| row.label.as_str()).collect();
-    assert_eq!(rows, ["a, a.rate=1", "a, a.rate=2", "a"]);
+    assert_eq!(rows, ["a, rate=1", "a, rate=2", "a"]);
     assert_eq!(grid.cells[1][0].estimate, Some(5.0));
     assert_eq!(grid.cells[1][1].planned, 0);
 }
@@ -380,11 +380,11 @@ fn swept_keys_are_rows_and_columns_and_other_keys_split_the_rows() {
     let with =
         |setting: &str, value| trial("e", "a", setting, 0, &vec![(Phase::Final, 1, 0, "return", value)]);
     let results = Results::of(vec![
-        with("rate=1 width=8 depth=2", 1.0),
-        with("rate=1 width=16 depth=2", 2.0),
-        with("rate=2 width=8 depth=2", 3.0),
-        with("rate=2 width=16 depth=2", 4.0),
-        with("rate=1 width=8 depth=3", 5.0),
+        with("a.rate=1 a.width=8 a.depth=2", 1.0),
+        with("a.rate=1 a.width=16 a.depth=2", 2.0),
+        with("a.rate=2 a.width=8 a.depth=2", 3.0),
+        with("a.rate=2 a.width=16 a.depth=2", 4.0),
+        with("a.rate=1 a.width=8 a.depth=3", 5.0),
     ]);
     let comparison = Comparison {
         rows: TableAxis::Key("a.rate".into()),
