@@ -110,13 +110,18 @@ impl SweepPoint {
         }
     }
 
-    /// The same point without the key that [`get`](Self::get) reads. Other keys keep their words.
+    /// The same point without the keys that [`get`](Self::get) reads. Other keys keep their words.
     #[must_use]
-    pub fn without(&self, name: &str) -> Self {
-        match self.find(name) {
-            Found::One(key, _) => Self::of(self.entries.iter().filter(|it| &*it.key != key).cloned()),
-            Found::None | Found::Several(_) => self.clone(),
+    pub fn without(&self, names: &[&str]) -> Self {
+        let key = |name: &&str| match self.find(name) {
+            Found::One(key, _) => Some(key),
+            Found::None | Found::Several(_) => None,
+        };
+        let out: Vec<&str> = names.iter().filter_map(key).collect();
+        if out.is_empty() {
+            return self.clone();
         }
+        Self::of(self.entries.iter().filter(|it| !out.contains(&&*it.key)).cloned())
     }
 }
 
@@ -205,10 +210,10 @@ mod tests {
         }
         for name in ["ate", "sac.rate", "dsac", ""] {
             assert_eq!((point().find(name), point().get(name)), (Found::None, None));
-            assert_eq!(point().without(name), point());
+            assert_eq!(point().without(&[name]), point());
         }
         assert_eq!(SweepPoint::of_words("rate=1").get("rate"), None);
-        assert_eq!(point().without("rate").words(), r#"cells=4 load="a b=c""#);
+        assert_eq!(point().without(&["rate"]).words(), r#"cells=4 load="a b=c""#);
     }
 
     #[test]
@@ -219,11 +224,12 @@ mod tests {
         assert_eq!(both.words(), "dsac.rate=1 plant.rate=2");
         assert_eq!(both.find("rate"), Found::Several(vec!["dsac.rate", "plant.rate"]));
         assert_eq!(
-            (both.get("rate"), both.without("rate").words()),
+            (both.get("rate"), both.without(&["rate"]).words()),
             (None, both.words())
         );
         assert_eq!(both.get("plant.rate"), Some(&json!(2)));
-        assert_eq!(both.without("plant.rate").words(), "dsac.rate=1");
+        assert_eq!(both.without(&["plant.rate"]).words(), "dsac.rate=1");
+        assert_eq!(both.without(&["plant.rate", "rate"]).words(), "dsac.rate=1");
     }
 
     #[test]

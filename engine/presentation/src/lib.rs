@@ -2,6 +2,7 @@
 //! results, drawn and written.
 
 pub mod answers;
+pub mod axis;
 pub mod claim_spec;
 pub mod figure;
 pub mod kinds;

@@ -58,6 +58,12 @@ pub struct KnownSearch {
 }
 
 impl Vocabulary {
+    /// Whether a sweep varies any trial.
+    #[must_use]
+    pub fn has_sweep(&self) -> bool {
+        self.settings.iter().any(|setting| !setting.is_empty())
+    }
+
     /// The names of swept keys: the last word of each, unless keys of one setting share it, and the whole key.
     #[must_use]
     pub fn swept_names(&self) -> Vec<&str> {

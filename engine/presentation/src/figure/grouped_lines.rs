@@ -2,17 +2,17 @@
 
 use super::{
     Figure, FigureSpec,
-    build::{Context, by_environment, count, label, label_with_setting, level},
+    build::{Context, by_environment, count, label_with_setting, level},
     chart::{Chart, Point, Scale, Series},
     shape::Shape,
 };
 use crate::{
+    axis::{Axis, TableAxis, check_key},
     kinds::KindSpec,
     names::{Names, Place},
-    table::{Axis, Scope},
+    table::Scope,
 };
 use contract::{Error, sweep_point::word};
-use document::diagnostic::suggest;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -63,24 +63,25 @@ impl Figure for GroupedLines {
     }
 }
 
+impl GroupedLines {
+    fn axis(&self) -> TableAxis {
+        TableAxis::Key(self.x.clone())
+    }
+}
+
 /// Says where no sweep of the study varies the key.
 fn check_swept(key: &str, names: &mut Names<'_>, at: &Place<'_>) {
-    let swept = names.vocabulary.swept_names();
-    if swept.is_empty() {
-        names.say(
-            at.value("x"),
-            format!("`x` is `{key}`, but the study has no `sweep`"),
-            "",
-        );
-    } else if !swept.contains(&key) {
-        let help = suggest(key, swept);
-        names.say(at.value("x"), format!("no sweep varies `{key}`"), help);
+    if names.vocabulary.swept.is_empty() {
+        let message = format!("`x` is `{key}`, but the study has no `sweep`");
+        names.say(at.value("x"), message, "");
+    } else {
+        check_key(key, format!("no sweep varies `{key}`"), &[], names, at.value("x"));
     }
 }
 
 fn build(kind: &GroupedLines, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let scope = Scope::of(context.results, &kind.agents, &kind.environments);
-    let categories = categories(&scope, &kind.x);
+    let categories = categories(&scope, &kind.axis());
     let x = context.scale(spec, &kind.x, kind.log_x && categories.is_empty());
     let scales = (
         Scale {
@@ -115,12 +116,9 @@ fn build(kind: &GroupedLines, spec: &FigureSpec, context: Context<'_>) -> Result
 }
 
 /// The values of the key in the order of the plan where some are no numbers; else empty.
-fn categories(scope: &Scope<'_>, key: &str) -> Vec<String> {
-    let values: Vec<&Value> = scope
-        .trials
-        .iter()
-        .filter_map(|trial| trial.trial.cell.point.get(key))
-        .collect();
+fn categories(scope: &Scope<'_>, axis: &TableAxis) -> Vec<String> {
+    let trials = scope.trials.iter();
+    let values: Vec<&Value> = trials.filter_map(|trial| axis.value(trial)).collect();
     let mut names: Vec<String> = Vec::new();
     for name in values
         .iter()
@@ -145,7 +143,9 @@ fn swept(
     (agent, alone): (&str, bool),
     categories: &[String],
 ) -> Vec<Series> {
-    let mut groups: BTreeMap<Option<String>, Group> = BTreeMap::new();
+    // Settings without the key come first, each as a level of its own.
+    let mut groups: BTreeMap<(bool, String), Group> = BTreeMap::new();
+    let axis = kind.axis();
     for setting in scope.names(Axis::Setting, &[]) {
         let scope = scope.at(Axis::Setting, &setting);
         let values: Vec<f64> = scope.finals(&kind.metric).into_values().collect();
@@ -153,15 +153,13 @@ fn swept(
             continue;
         };
         // All trials of a setting have the same point of the sweep.
-        let point = &scope.trials[0].trial.cell.point;
-        let (x, rest) = match point.get(&kind.x) {
-            Some(value) => (
-                position(value, categories),
-                Some(point.without(&kind.x).to_string()),
-            ),
-            None => (0.0, None),
-        };
-        let group = groups.entry(rest).or_insert((Vec::new(), usize::MAX, 0));
+        let trial = scope.trials[0];
+        let value = axis.value(trial);
+        let x = value.map_or(0.0, |value| position(value, categories));
+        let rest = TableAxis::from(Axis::Setting).place(trial, &[&kind.x]);
+        let group = groups
+            .entry((value.is_some(), rest.into_owned()))
+            .or_insert((Vec::new(), usize::MAX, 0));
         group.0.push(Point {
             x,
             y: summary.mean,
@@ -170,21 +168,19 @@ fn swept(
         (group.1, group.2) = (group.1.min(summary.n), group.2.max(scope.planned()));
     }
     let count = groups.len();
-    let series = |(index, (rest, group)): (usize, (Option<String>, Group))| {
+    let series = |(index, ((has_key, rest), group)): (usize, ((bool, String), Group))| {
         let (mut points, n, planned) = group;
         points.sort_by(|a, b| a.x.total_cmp(&b.x));
         let style = context.style_of_setting(agent, index, (count, alone));
-        match rest {
-            None => level(label(spec, agent), style, (n, planned), points[0].y),
-            Some(rest) => {
-                let label = label_with_setting(spec, agent, &rest);
-                Series {
-                    label,
-                    seeds: Some((n, planned)),
-                    style,
-                    shape: Shape::MarkedLine(points),
-                }
-            }
+        let label = label_with_setting(spec, agent, &rest);
+        if !has_key {
+            return level(label, style, (n, planned), points[0].y);
+        }
+        Series {
+            label,
+            seeds: Some((n, planned)),
+            style,
+            shape: Shape::MarkedLine(points),
         }
     };
     groups.into_iter().enumerate().map(series).collect()

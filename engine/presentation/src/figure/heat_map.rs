@@ -7,6 +7,7 @@ use super::{
     shape::{Cells, Shape},
 };
 use crate::{
+    axis::TableAxis,
     kinds::{Contradiction, KindSpec},
     names::{Names, Place},
     table::{self, Comparison, Grid, Heading, Intervals, Table},
@@ -82,11 +83,7 @@ fn build(kind: &HeatMap, spec: &FigureSpec, context: Context<'_>) -> Result<Char
         label,
         ..Scale::default()
     };
-    let column_axis = kind
-        .of
-        .columns
-        .as_ref()
-        .map_or(String::new(), |along| along.name().into_owned());
+    let column_axis = kind.of.columns.as_ref().map(TableAxis::title);
     let panel = Panel {
         series: vec![Series {
             label: String::new(),
@@ -94,8 +91,8 @@ fn build(kind: &HeatMap, spec: &FigureSpec, context: Context<'_>) -> Result<Char
             style: Style::default(),
             shape: Shape::Cells(cells),
         }],
-        x: along(names(&grid.columns, &columns), column_axis.replace('_', " ")),
-        y: along(names(&grid.rows, &rows), grid.corner().replace('_', " ")),
+        x: along(names(&grid.columns, &columns), column_axis.unwrap_or_default()),
+        y: along(names(&grid.rows, &rows), kind.of.rows.title()),
         ..Panel::default()
     };
     Ok(Chart {
@@ -118,7 +115,7 @@ fn quantity(grid: &Grid, of_metric: String) -> String {
 /// The headings in the order in which they are drawn, which is that of the table for names, and for numbers
 /// the order of an axis: rows from the highest down, columns from the lowest up.
 fn order(headings: &[Heading], falling: bool) -> Vec<usize> {
-    let numbers: Option<Vec<f64>> = headings.iter().map(|heading| heading.name.parse().ok()).collect();
+    let numbers: Option<Vec<f64>> = headings.iter().map(|heading| heading.number).collect();
     let mut order: Vec<usize> = (0..headings.len()).collect();
     if let Some(numbers) = numbers {
         order.sort_by(|one, other| numbers[*one].total_cmp(&numbers[*other]));

@@ -262,16 +262,21 @@ impl Names<'_> {
         }
     }
 
-    /// The first key or value of an operand's setting that no sweep has, with a sentence on it and the known ones.
-    fn unknown_setting(&self, operand: &Operand) -> Option<(String, String, Vec<String>)> {
+    /// The first key or value of an operand's setting that no sweep has, with a sentence on it and one of help.
+    fn unknown_setting(&self, operand: &Operand) -> Option<(String, String, String)> {
+        let vocabulary = self.vocabulary;
         operand.setting.iter().find_map(|(key, value)| {
-            let values = self.vocabulary.swept_values(key);
+            if let Some(message) = vocabulary.ambiguity(key) {
+                return Some((key.clone(), message, String::new()));
+            }
+            let values = vocabulary.swept_values(key);
             if values.is_empty() {
-                let known = self.vocabulary.swept_names().into_iter().map(str::to_owned);
-                return Some((key.clone(), format!("no sweep varies `{key}`"), known.collect()));
+                let help = suggest(key, vocabulary.swept_names());
+                return Some((key.clone(), format!("no sweep varies `{key}`"), help));
             }
             let message = || format!("the sweep gives `{key}` no value `{value}`");
-            (!values.contains(value)).then(|| (value.clone(), message(), values))
+            let help = || suggest(value, values.iter().map(String::as_str));
+            (!values.contains(value)).then(|| (value.clone(), message(), help()))
         })
     }
 
@@ -307,8 +312,7 @@ impl Names<'_> {
             let help = suggest(name, self.vocabulary.agents.iter().map(String::as_str));
             return self.say(at_agent, format!("no agent is named `{name}`"), help);
         };
-        if let Some((word, message, known)) = self.unknown_setting(operand) {
-            let help = suggest(&word, known.iter().map(String::as_str));
+        if let Some((word, message, help)) = self.unknown_setting(operand) {
             return self.say(text.word(&word), message, help);
         }
         let recorded = self.recorded(&Picked {

@@ -97,21 +97,14 @@ impl BestSettings {
         };
         let ended = it.ranked();
         let shown = &ended[..self.best.min(ended.len())];
-        let heading = |tried: &&TriedSetting| Heading {
-            name: tried.setting.clone(),
-            label: tried.setting.clone(),
-        };
+        let heading = |tried: &&TriedSetting| Heading::of(&tried.setting, tried.setting.as_str());
         let by = label(&it.search.metric);
-        let column = |name: &str, label: String| Heading {
-            name: name.into(),
-            label,
-        };
-        let mut columns = vec![column(&it.search.metric, format!("{by} in the search"))];
+        let mut columns = vec![Heading::of(&it.search.metric, format!("{by} in the search"))];
         let fresh = fresh(it, results);
         columns.extend(
             fresh
                 .as_ref()
-                .map(|_| column(FRESH, format!("{by} on fresh seeds"))),
+                .map(|_| Heading::of(FRESH, format!("{by} on fresh seeds"))),
         );
         let cells = |tried: &&TriedSetting| {
             let is_chosen = it

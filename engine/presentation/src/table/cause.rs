@@ -69,13 +69,13 @@ mod tests {
                 ..Cell::default()
             }]
         };
-        let heading = |name: &str, label: &str| Heading {
-            name: name.into(),
-            label: label.into(),
-        };
         Grid {
-            rows: vec![heading("a", "Rule A"), heading("b", "b"), heading("c", "c")],
-            columns: vec![heading("v", "v")],
+            rows: vec![
+                Heading::of("a", "Rule A"),
+                Heading::of("b", "b"),
+                Heading::of("c", "c"),
+            ],
+            columns: vec![Heading::of("v", "v")],
             cells: verdicts.map(cell).into(),
             cause: Some(serde_json::from_str(cause).unwrap()),
             ..Grid::default()

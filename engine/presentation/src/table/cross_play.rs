@@ -342,11 +342,8 @@ impl<'a> Matrix<'a> {
 
 fn headings(spec: &CrossPlayTable, names: &[Option<String>]) -> Vec<Heading> {
     let heading = |name: &Option<String>| {
-        let name = name.clone().unwrap_or_else(|| MEAN.into());
-        Heading {
-            label: spec.labels.get(&name).cloned().unwrap_or_else(|| name.clone()),
-            name,
-        }
+        let name = name.as_deref().unwrap_or(MEAN);
+        Heading::of(name, label(spec, name))
     };
     names.iter().map(heading).collect()
 }

@@ -131,12 +131,26 @@ pub enum FixedReason {
 }
 
 /// Heading of a row or column.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Heading {
     /// Name in the study, by which published values are found.
     pub name: String,
     /// Text to print.
     pub label: String,
+    /// The swept number that it stands for; `None` where it stands for anything else.
+    pub number: Option<f64>,
+}
+
+impl Heading {
+    /// A heading that stands for no number.
+    #[must_use]
+    pub fn of(name: &str, label: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            label: label.into(),
+            number: None,
+        }
+    }
 }
 
 /// One number of a table with the seeds and trials behind it.

@@ -107,10 +107,7 @@ impl Table for Metrics {
             rows: rows.iter().map(|name| self.heading(name)).collect(),
             columns: agents
                 .iter()
-                .map(|name| Heading {
-                    label: self.label(name).to_owned(),
-                    name: name.clone(),
-                })
+                .map(|name| Heading::of(name, self.label(name)))
                 .collect(),
             cells,
             format: NumberFormat::Fixed(self.decimals.unwrap_or(2)),
@@ -202,10 +199,7 @@ impl Metrics {
                 .unwrap_or(name)
                 .replace('_', " "),
         };
-        Heading {
-            label: self.labels.get(name).cloned().unwrap_or(plain),
-            name: name.to_owned(),
-        }
+        Heading::of(name, self.labels.get(name).cloned().unwrap_or(plain))
     }
 
     fn label<'a>(&'a self, name: &'a str) -> &'a str {

@@ -23,11 +23,12 @@ mod terminal;
 #[cfg(test)]
 mod tests;
 
+pub use crate::axis::{Axis, TableAxis};
 pub use aggregate::{Aggregate, SUITE_MEAN};
 pub use best_settings::BestSettings;
 pub use cause::Cause;
 pub use comma_separated::{csv, guarded as guarded_csv, write as write_csv};
-pub use comparison::{Axis, Comparison, Form, Improvement, Statistic, TableAxis, compare};
+pub use comparison::{Comparison, Form, Improvement, Statistic, compare};
 pub use cross_play::{CrossPlayTable, MEAN};
 pub use footnotes::Intervals;
 pub use footnotes::{changed_rule_in_words, unplanned_look_in_words, untrained_in_words};

@@ -131,21 +131,11 @@ fn build(spec: &RankCorrelation, results: &Results) -> Result<Grid, Error> {
         one_number: Reduction::RankCorrelation,
         row_axis: Axis::Environment.name().into(),
         cells: cells.collect(),
-        rows: rows
-            .iter()
-            .map(|name| Heading {
-                label: label(name),
-                name: name.clone(),
-            })
-            .collect(),
-        columns: vec![Heading {
-            label: spec
-                .labels
-                .get(COLUMN)
-                .cloned()
-                .unwrap_or_else(|| "rank correlation".into()),
-            name: COLUMN.into(),
-        }],
+        rows: rows.iter().map(|name| Heading::of(name, label(name))).collect(),
+        columns: vec![Heading::of(
+            COLUMN,
+            spec.labels.get(COLUMN).map_or("rank correlation", String::as_str),
+        )],
         format: NumberFormat::Fixed(spec.decimals.unwrap_or(2)),
         notes: vec![
             "Spearman's rank correlation; intervals are those of a bootstrap over the points.".into(),

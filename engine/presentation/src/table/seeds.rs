@@ -14,31 +14,6 @@ pub struct Scope<'a> {
     pub trials: Vec<&'a TrialResult>,
 }
 
-impl Axis {
-    /// All axes, in the order in which columns are chosen.
-    pub const ALL: [Axis; 3] = [Axis::Agent, Axis::Environment, Axis::Setting];
-
-    /// Name of the axis.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Axis::Agent => "agent",
-            Axis::Environment => "environment",
-            Axis::Setting => "setting",
-        }
-    }
-
-    /// A trial's place on the axis.
-    #[must_use]
-    pub fn of(self, trial: &TrialResult) -> &str {
-        match self {
-            Axis::Agent => &trial.trial.cell.agent,
-            Axis::Environment => &trial.trial.cell.environment,
-            Axis::Setting => trial.trial.cell.point.words(),
-        }
-    }
-}
-
 /// The names in `present`, each once: first those in `listed`, in its order, then the others in theirs.
 pub(super) fn listed_first<'n>(listed: &[String], present: impl Iterator<Item = &'n str>) -> Vec<String> {
     let mut seen = HashSet::new();

@@ -208,10 +208,7 @@ impl Column {
             Self::Improvement(agent) => format!("better than {}", spec.label(agent)),
             Self::Above(score) => format!("above {score}"),
         };
-        Heading {
-            label: spec.labels.get(&name).cloned().unwrap_or(plain),
-            name,
-        }
+        Heading::of(&name, spec.labels.get(&name).cloned().unwrap_or(plain))
     }
 
     /// The value of some scores `[environment][seed]`; `others` are the scores of the agent to improve on.
@@ -426,10 +423,7 @@ impl<'s> Suite<'s> {
             Some((_, score)) => format!("{label} ({score} by construction)"),
             None => label.into(),
         };
-        Heading {
-            name: agent.into(),
-            label,
-        }
+        Heading::of(agent, label)
     }
 
     fn quantity(&self) -> String {

@@ -1,51 +1,9 @@
-//! Axes of a table: agents, environments, settings, or the values of one swept key.
+//! The cells of a comparison by their places along its axes.
 
-use super::{Axis, Comparison};
+use super::{Axis, Comparison, TableAxis};
 use crate::table::{Scope, seeds::listed_first};
-use contract::{
-    sweep_point::{last_word, word},
-    trial::TrialCell,
-    trial_result::TrialResult,
-};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-use std::{borrow::Cow, collections::HashMap, sync::Arc};
-
-/// Axis of a table's rows or columns.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(untagged)]
-pub enum TableAxis {
-    /// Agents, environments, or settings as a whole.
-    Axis(Axis),
-    /// The values of a swept key, named as in `sweep` or by its last word.
-    Key(String),
-}
-
-impl TableAxis {
-    /// Name of the axis.
-    #[must_use]
-    pub fn name(&self) -> Cow<'static, str> {
-        match self {
-            TableAxis::Axis(axis) => axis.name().into(),
-            TableAxis::Key(key) => last_word(key).to_owned().into(),
-        }
-    }
-
-    /// The swept key; `None` for another axis.
-    #[must_use]
-    pub fn key(&self) -> Option<&str> {
-        match self {
-            TableAxis::Axis(_) => None,
-            TableAxis::Key(key) => Some(key),
-        }
-    }
-}
-
-impl From<Axis> for TableAxis {
-    fn from(axis: Axis) -> Self {
-        TableAxis::Axis(axis)
-    }
-}
+use contract::{trial::TrialCell, trial_result::TrialResult};
+use std::{collections::HashMap, sync::Arc};
 
 /// The axes of a comparison, and the places of its trials on them. Where keys are rows or columns, the remaining keys
 /// make the setting.
@@ -54,7 +12,6 @@ impl From<Axis> for TableAxis {
 /// from them at the end.
 pub(super) struct Axes<'a, 'r> {
     comparison: &'a Comparison,
-    apart: Vec<&'a str>,
     cells: Vec<CellOfTrials<'r>>,
 }
 
@@ -70,17 +27,17 @@ pub(super) type Cells = Vec<usize>;
 impl<'a, 'r> Axes<'a, 'r> {
     pub(super) fn of(comparison: &'a Comparison, scope: &Scope<'r>) -> Self {
         let both = || std::iter::once(&comparison.rows).chain(&comparison.columns);
-        let mut axes = Self {
-            comparison,
-            apart: both().filter_map(TableAxis::key).collect(),
-            cells: Vec::new(),
-        };
+        let apart: Vec<&str> = both().filter_map(TableAxis::key).collect();
         let mut alongs: Vec<TableAxis> = Axis::ALL.into_iter().map(TableAxis::from).collect();
         alongs.extend(both().filter(|along| along.key().is_some()).cloned());
+        let mut axes = Self {
+            comparison,
+            cells: Vec::new(),
+        };
         let mut known: HashMap<*const TrialCell, usize> = HashMap::new();
         for (position, trial) in scope.trials.iter().copied().enumerate() {
             let cell = *known.entry(Arc::as_ptr(&trial.trial.cell)).or_insert_with(|| {
-                let at = |along: &TableAxis| (along.clone(), axes.place(along, trial).into_owned());
+                let at = |along: &TableAxis| (along.clone(), along.place(trial, &apart).into_owned());
                 let (trials, places) = (Vec::new(), alongs.iter().map(at).collect());
                 axes.cells.push(CellOfTrials { trials, places });
                 axes.cells.len() - 1
@@ -88,22 +45,6 @@ impl<'a, 'r> Axes<'a, 'r> {
             axes.cells[cell].trials.push((position, trial));
         }
         axes
-    }
-
-    /// A trial's place along an axis; empty where the trial's setting lacks the key.
-    fn place<'t>(&self, along: &TableAxis, trial: &'t TrialResult) -> Cow<'t, str> {
-        let point = &trial.trial.cell.point;
-        match along {
-            TableAxis::Axis(Axis::Setting) if !self.apart.is_empty() => {
-                let rest = self
-                    .apart
-                    .iter()
-                    .fold(point.clone(), |rest, key| rest.without(key));
-                rest.to_string().into()
-            }
-            TableAxis::Axis(axis) => axis.of(trial).into(),
-            TableAxis::Key(key) => point.get(key).map(word).unwrap_or_default().into(),
-        }
     }
 
     fn place_of(&self, cell: usize, along: &TableAxis) -> &str {
@@ -146,6 +87,17 @@ impl<'a, 'r> Axes<'a, 'r> {
             _ => &[],
         };
         listed_first(listed, some.iter().map(|cell| self.place_of(*cell, along)))
+    }
+
+    /// The number that one axis has at these places, which are those of a row or column; `None` where several axes have
+    /// a place, or the value there is no number.
+    pub(super) fn number(&self, places: &[(TableAxis, String)]) -> Option<f64> {
+        let mut named = places.iter().filter(|(_, name)| !name.is_empty());
+        let (Some((along, name)), None) = (named.next(), named.next()) else {
+            return None;
+        };
+        let cell = *self.at(&self.all(), &[(along.clone(), name.clone())]).first()?;
+        along.value(self.cells[cell].trials.first()?.1)?.as_f64()
     }
 
     /// Whether cells differ along an axis.

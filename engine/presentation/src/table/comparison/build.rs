@@ -1,6 +1,7 @@
 //! From results to a grid: rows and columns, and the value of each cell.
 
-use super::{AS_GIVEN, Axis, Comparison, Form, Statistic, TableAxis, along::Axes, measure};
+use super::{Axis, Comparison, Form, Statistic, TableAxis, along::Axes, measure};
+use crate::axis::AS_GIVEN;
 use crate::table::{
     Cell, FixedReason, Grid, Heading, MissingSeeds, NumberFormat, Quantity, Reduction, Scope, problem,
 };
@@ -51,7 +52,7 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
         } else {
             Reduction::Of(comparison.statistic)
         },
-        row_axis: comparison.rows.name().replace('_', " ").into(),
+        row_axis: comparison.rows.title().into(),
         format: format(comparison, relation.form, &cells),
         rows: rows.into_iter().map(heading).collect(),
         columns: columns.into_iter().map(heading).collect(),
@@ -185,10 +186,11 @@ impl GridLine {
         } else {
             None
         };
-        let Heading { name, label } = self.heading;
+        let Heading { label, .. } = &self.heading;
+        let label = budget.map_or(label.clone(), |budget| format!("{label} ({budget})"));
         Heading {
-            label: budget.map_or(label.clone(), |budget| format!("{label} ({budget})")),
-            name,
+            label,
+            ..self.heading
         }
     }
 }
@@ -212,7 +214,7 @@ fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<GridLine>, Vec<G
         Some(axis) => axes
             .names(&cells, axis)
             .iter()
-            .map(|name| place(comparison, &[(axis.clone(), name.clone())]))
+            .map(|name| place(comparison, axes, &[(axis.clone(), name.clone())]))
             .collect(),
         None => vec![GridLine {
             heading: only_column(comparison),
@@ -231,7 +233,7 @@ fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<GridLine>, Vec<G
             .iter()
             .fold(vec![first], |rows, along| split(axes, rows, along))
     });
-    (rows.map(|at| place(comparison, &at)).collect(), columns)
+    (rows.map(|at| place(comparison, axes, &at)).collect(), columns)
 }
 
 fn split(
@@ -248,7 +250,7 @@ fn split(
     rows.into_iter().flat_map(parts).collect()
 }
 
-fn place(comparison: &Comparison, at: &[(TableAxis, String)]) -> GridLine {
+fn place(comparison: &Comparison, axes: &Axes<'_, '_>, at: &[(TableAxis, String)]) -> GridLine {
     let words = |write: &dyn Fn(&str) -> String| {
         let words: Vec<String> = at
             .iter()
@@ -270,6 +272,7 @@ fn place(comparison: &Comparison, at: &[(TableAxis, String)]) -> GridLine {
         heading: Heading {
             label: or_as_given(labels),
             name: if name.is_empty() { AS_GIVEN.into() } else { name },
+            number: axes.number(at),
         },
         at: at.to_vec(),
         at_step: None,
@@ -279,10 +282,7 @@ fn place(comparison: &Comparison, at: &[(TableAxis, String)]) -> GridLine {
 fn step_column(comparison: &Comparison, step: u64) -> GridLine {
     let name = step.to_string();
     GridLine {
-        heading: Heading {
-            label: label(comparison, &name),
-            name,
-        },
+        heading: Heading::of(&name, label(comparison, &name)),
         at: Vec::new(),
         at_step: Some(step),
     }
@@ -295,10 +295,7 @@ fn only_column(comparison: &Comparison) -> Heading {
     } else {
         label(comparison, &comparison.value)
     };
-    Heading {
-        name: comparison.value.clone(),
-        label,
-    }
+    Heading::of(&comparison.value, label)
 }
 
 fn label(comparison: &Comparison, name: &str) -> String {

@@ -1,6 +1,6 @@
 //! Comparisons against the names that trials record: metrics, agents, rows and columns.
 
-use super::{AS_GIVEN, Axis, Comparison, Form, TableAxis, taken::MeasurementChoice};
+use super::{Axis, Comparison, Form, TableAxis, taken::MeasurementChoice};
 use crate::names::{Names, Picked, Place, quoted};
 use contract::standard_metrics::SUCCESS;
 use document::diagnostic::suggest;
@@ -24,7 +24,7 @@ pub(super) fn comparison(
     }
     of_success(spec, names, place, &picked);
     axes(spec, names, place);
-    let rows = names_of(&spec.rows, names, &picked);
+    let rows = spec.rows.places(names, &picked);
     let columns = columns(spec, names, &picked);
     names.labels(place, &rows, &columns);
     (rows, columns)
@@ -119,77 +119,11 @@ fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
         let help = "choose another of `agent`, `environment`, `setting`";
         names.say(place.value("columns"), "rows and columns are the same", help);
     }
-    let has_sweep = names
-        .vocabulary
-        .settings
-        .iter()
-        .any(|setting| !setting.is_empty());
     for (key, along) in [("rows", Some(&spec.rows)), ("columns", spec.columns.as_ref())] {
-        if let Some(word) = along
-            .and_then(TableAxis::key)
-            .filter(|word| !names.vocabulary.swept_names().contains(word))
-        {
-            let axes = Axis::ALL.map(Axis::name).into_iter();
-            let known = axes.chain(names.vocabulary.swept_names());
-            let message = format!("`{key}` is `{word}`, which no sweep varies");
-            let help = suggest(word, known);
-            names.say(place.value(key), message, help);
-        }
-        if along == Some(&Axis::Setting.into()) && !has_sweep {
-            names.say(
-                place.value(key),
-                format!("`{key}` are settings, but the study has no `sweep`"),
-                "",
-            );
+        if let Some(along) = along {
+            along.check(key, names, place);
         }
     }
-}
-
-fn names_of(along: &TableAxis, names: &Names<'_>, picked: &Picked) -> Vec<String> {
-    let axis = match along {
-        TableAxis::Key(key) => return names.vocabulary.swept_values(key),
-        TableAxis::Axis(axis) => axis,
-    };
-    match axis {
-        Axis::Agent => picked
-            .agents
-            .iter()
-            .map(|index| names.vocabulary.agents[*index].clone())
-            .collect(),
-        Axis::Environment => picked
-            .environments
-            .iter()
-            .map(|index| names.vocabulary.environments[*index].clone())
-            .collect(),
-        Axis::Setting => settings_of(names, picked),
-    }
-}
-
-/// The settings of some agents, in order, preceded by that of an agent that no sweep varies; empty where no sweep
-/// varies any of them.
-fn settings_of(names: &Names<'_>, picked: &Picked) -> Vec<String> {
-    let is_of = |key: &String, agent: &String| {
-        key.strip_prefix(agent.as_str())
-            .is_some_and(|rest| rest.starts_with('.'))
-    };
-    let agents = &names.vocabulary.agents;
-    let keys = || names.vocabulary.swept.iter().map(|(key, _)| key);
-    let varies_all = keys().any(|key| !agents.iter().any(|agent| is_of(key, agent)));
-    let varies = |index: &usize| varies_all || keys().any(|key| is_of(key, &agents[*index]));
-    if !picked.agents.iter().any(varies) {
-        return Vec::new();
-    }
-    let settings = names
-        .vocabulary
-        .settings
-        .iter()
-        .filter(|setting| !setting.is_empty());
-    let fixed = !picked.agents.iter().all(varies);
-    let first = fixed.then(|| AS_GIVEN.to_owned());
-    first
-        .into_iter()
-        .chain(settings.map(ToString::to_string))
-        .collect()
 }
 
 /// Names of the columns: the given steps or axis; else the first of agent, environment and setting that varies and is
@@ -199,13 +133,13 @@ fn columns(spec: &Comparison, names: &Names<'_>, picked: &Picked) -> Vec<String>
         return spec.at_steps.iter().map(u64::to_string).collect();
     }
     if let Some(along) = &spec.columns {
-        return names_of(along, names, picked);
+        return along.places(names, picked);
     }
     let rest = Axis::ALL
         .into_iter()
         .map(TableAxis::from)
         .filter(|along| *along != spec.rows);
-    rest.map(|along| names_of(&along, names, picked))
+    rest.map(|along| along.places(names, picked))
         .find(|names| names.len() > 1)
         .unwrap_or_default()
 }

@@ -6,12 +6,12 @@ mod check;
 mod measure;
 mod taken;
 
-pub use along::TableAxis;
 pub use build::compare;
 pub(super) use build::summarise;
 
 use super::{Grid, NumberFormat, Table};
 use crate::{
+    axis::{Axis, TableAxis},
     kinds::{Contradiction, KindSpec},
     names::{Names, Place},
 };
@@ -22,9 +22,6 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use taken::{MeasurementChoice, StepMeasurement};
-
-/// Name of the setting of agents that no sweep varies, beside swept settings.
-const AS_GIVEN: &str = "as given";
 
 /// Rows, columns and the value of a comparison. Some options exclude each other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -241,18 +238,6 @@ impl Table for Improvement {
     fn shows_shares(&self) -> bool {
         self.0.shows_shares()
     }
-}
-
-/// Axis along which trials differ.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Axis {
-    /// The study's agents.
-    Agent,
-    /// The study's environments.
-    Environment,
-    /// The points of the sweep.
-    Setting,
 }
 
 /// How the seeds become one number.

@@ -82,10 +82,7 @@ mod tests {
     use crate::table::Heading;
 
     fn grid(cells: Vec<Vec<Option<(f64, f64, f64)>>>, better: Direction) -> Grid {
-        let heading = |name: String| Heading {
-            label: name.clone(),
-            name,
-        };
+        let heading = |name: String| Heading::of(&name, name.as_str());
         let cell = |it: Option<(f64, f64, f64)>| Cell {
             estimate: it.map(|it| it.1),
             interval: it.map(|it| (it.0, it.2)).filter(|ends| ends.0 < ends.1),

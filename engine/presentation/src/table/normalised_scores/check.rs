@@ -30,12 +30,7 @@ pub(crate) fn normalised(
 }
 
 fn suite(pooled: &PoolWording, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
-    if names
-        .vocabulary
-        .settings
-        .iter()
-        .any(|setting| !setting.is_empty())
-    {
+    if names.vocabulary.has_sweep() {
         let message = format!(
             "{} pools seeds and environments, and would pool the settings of `sweep` with them",
             pooled.what
