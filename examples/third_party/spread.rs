@@ -78,10 +78,7 @@ impl Table for Spread {
             };
             vec![cell(values.first()), cell(values.last())]
         };
-        let heading = |name: &str| Heading {
-            name: name.into(),
-            label: name.into(),
-        };
+        let heading = |name: &str| Heading::of(name, name);
         Ok(Grid {
             quantity: Quantity::plain(self.metric.clone()),
             one_number: Reduction::Aggregates,
