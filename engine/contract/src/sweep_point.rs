@@ -31,15 +31,34 @@ impl Entry {
     }
 }
 
-/// The swept keys of a setting that a name stands for.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Found<'a> {
+/// The keys of one setting that a name stands for, by their places.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum KeyMatch {
     /// No key has the name.
     None,
-    /// The whole key, and its value.
-    One(&'a str, &'a Value),
-    /// The whole keys that end with the name.
-    Several(Vec<&'a str>),
+    /// One key has it.
+    One(usize),
+    /// Several keys end with it.
+    Several(Vec<usize>),
+}
+
+impl KeyMatch {
+    /// The key whose whole name this is, else the only one that ends with this word.
+    #[must_use]
+    pub fn of<'k>(name: &str, keys: impl Iterator<Item = &'k str> + Clone) -> Self {
+        if let Some(place) = keys.clone().position(|key| key == name) {
+            return Self::One(place);
+        }
+        let mut ending = keys
+            .enumerate()
+            .filter(|(_, key)| last_word(key) == name)
+            .map(|(place, _)| place);
+        match (ending.next(), ending.next()) {
+            (None, _) => Self::None,
+            (Some(one), None) => Self::One(one),
+            (Some(one), Some(other)) => Self::Several([one, other].into_iter().chain(ending).collect()),
+        }
+    }
 }
 
 impl Default for SweepPoint {
@@ -76,6 +95,12 @@ impl SweepPoint {
         &self.words
     }
 
+    /// The words of [`words`](Self::words), shared.
+    #[must_use]
+    pub fn into_words(self) -> Arc<str> {
+        self.words
+    }
+
     /// Whether the point has no keys: there is no sweep.
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -88,40 +113,32 @@ impl SweepPoint {
         self.entries.iter().map(|it| &it.value).collect()
     }
 
-    /// The key that is called so: the one whose whole name this is, else the only one that ends with this word.
-    #[must_use]
-    pub fn find(&self, name: &str) -> Found<'_> {
-        let exact = self.entries.iter().filter(|it| &*it.key == name);
-        let ending = self.entries.iter().filter(|it| last_word(&it.key) == name);
-        let called: Vec<&Entry> = exact.chain(ending).collect();
-        match called[..] {
-            [] => Found::None,
-            [one, ..] if called.len() == 1 || &*one.key == name => Found::One(&one.key, &one.value),
-            _ => Found::Several(called.iter().map(|it| &*it.key).collect()),
+    fn place(&self, name: &str) -> Option<usize> {
+        match KeyMatch::of(name, self.entries.iter().map(|it| &*it.key)) {
+            KeyMatch::One(place) => Some(place),
+            KeyMatch::None | KeyMatch::Several(_) => None,
         }
     }
 
-    /// The value of the key that is called so; `None` where the name is that of no key or of several.
+    /// The value of the key with this [name](KeyMatch::of); `None` where it is that of no key or of several.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<&Value> {
-        match self.find(name) {
-            Found::One(_, value) => Some(value),
-            Found::None | Found::Several(_) => None,
-        }
+        Some(&self.entries[self.place(name)?].value)
     }
 
     /// The same point without the keys that [`get`](Self::get) reads. Other keys keep their words.
     #[must_use]
     pub fn without(&self, names: &[&str]) -> Self {
-        let key = |name: &&str| match self.find(name) {
-            Found::One(key, _) => Some(key),
-            Found::None | Found::Several(_) => None,
-        };
-        let out: Vec<&str> = names.iter().filter_map(key).collect();
+        let out: Vec<usize> = names.iter().filter_map(|name| self.place(name)).collect();
         if out.is_empty() {
             return self.clone();
         }
-        Self::of(self.entries.iter().filter(|it| !out.contains(&&*it.key)).cloned())
+        let entries = self.entries.iter().enumerate();
+        Self::of(
+            entries
+                .filter(|(place, _)| !out.contains(place))
+                .map(|(_, it)| it.clone()),
+        )
     }
 }
 
@@ -180,6 +197,20 @@ impl fmt::Display for SweepPoint {
     }
 }
 
+/// The words of a setting, `key=value` each. A space inside of quotes ends none.
+pub fn split_words(words: &str) -> impl Iterator<Item = &str> {
+    let (mut is_quoted, mut is_escaped) = (false, false);
+    words.split(move |sign: char| {
+        let is_literal = std::mem::replace(&mut is_escaped, false);
+        match sign {
+            '\\' if is_quoted => is_escaped = !is_literal,
+            '"' if !is_literal => is_quoted = !is_quoted,
+            _ => {}
+        }
+        sign == ' ' && !is_quoted
+    })
+}
+
 /// A value as a word.
 #[must_use]
 pub fn word(value: &Value) -> String {
@@ -187,6 +218,13 @@ pub fn word(value: &Value) -> String {
         Value::String(text) if !text.is_empty() && !text.contains([' ', '=', '"']) => text.clone(),
         other => other.to_string(),
     }
+}
+
+/// The word of a value that is written as its word or as JSON: `1e-3` and `0.001` are one number, `fast` and `"fast"`
+/// one text.
+#[must_use]
+pub fn as_word(text: &str) -> String {
+    serde_json::from_str(text).map_or_else(|_| text.to_owned(), |value| word(&value))
 }
 
 #[cfg(test)]
@@ -206,10 +244,10 @@ mod tests {
     #[test]
     fn a_key_is_found_by_its_whole_name_and_its_last_word() {
         for name in ["rate", "dsac.rate"] {
-            assert_eq!(point().find(name), Found::One("dsac.rate", &json!(1e-4)));
+            assert_eq!(point().get(name), Some(&json!(1e-4)));
         }
         for name in ["ate", "sac.rate", "dsac", ""] {
-            assert_eq!((point().find(name), point().get(name)), (Found::None, None));
+            assert_eq!(point().get(name), None);
             assert_eq!(point().without(&[name]), point());
         }
         assert_eq!(SweepPoint::of_words("rate=1").get("rate"), None);
@@ -222,7 +260,11 @@ mod tests {
             .into_iter()
             .collect();
         assert_eq!(both.words(), "dsac.rate=1 plant.rate=2");
-        assert_eq!(both.find("rate"), Found::Several(vec!["dsac.rate", "plant.rate"]));
+        let keys = ["dsac.rate", "load", "plant.rate"];
+        assert_eq!(
+            KeyMatch::of("rate", keys.into_iter()),
+            KeyMatch::Several(vec![0, 2])
+        );
         assert_eq!(
             (both.get("rate"), both.without(&["rate"]).words()),
             (None, both.words())
@@ -240,7 +282,32 @@ mod tests {
     }
 
     #[test]
+    fn a_value_has_one_word_in_whichever_form_it_is_written() {
+        for (written, meant) in [
+            ("1e-3", "0.001"),
+            ("0.0010", "0.001"),
+            ("16", "16"),
+            ("fast", "fast"),
+            (r#""fast""#, "fast"),
+            (r#""a b""#, r#""a b""#),
+            (r#"{"watts": [8]}"#, r#"{"watts":[8]}"#),
+            ("1.", "1."),
+        ] {
+            assert_eq!((as_word(written), as_word(meant)), (meant.into(), meant.into()));
+        }
+    }
+
+    #[test]
     fn it_is_written_as_words() {
         assert_eq!(point().to_string(), r#"rate=0.0001 cells=4 load="a b=c""#);
+        let quoted: SweepPoint = [
+            ("a", json!(r#"say "x y" \"#)),
+            ("b", json!(["p q", 1])),
+            ("c", json!("z")),
+        ]
+        .into_iter()
+        .collect();
+        let words: Vec<&str> = split_words(quoted.words()).collect();
+        assert_eq!(words, [r#"a="say \"x y\" \\""#, r#"b=["p q",1]"#, "c=z"]);
     }
 }

@@ -90,8 +90,8 @@ pub struct Server {
     pub opened: Opened,
 }
 
-/// Answer of the process of a device.
-type Answer = Result<Opened, String>;
+/// Reply of the process of a device.
+type OpenReply = Result<Opened, String>;
 
 impl Server {
     /// Starts the process of a device, which sees one card of the machine or all of them, and waits until it answers.
@@ -112,7 +112,7 @@ impl Server {
         let (input, output) = (child.stdin.take(), child.stdout.take());
         let mut line = String::new();
         let read = output.map(|output| BufReader::new(output).read_line(&mut line));
-        let answer: Result<Answer, _> = serde_json::from_str(&line);
+        let answer: Result<OpenReply, _> = serde_json::from_str(&line);
         match (read, answer) {
             (Some(Ok(_)), Ok(Ok(opened))) => Ok(Self {
                 child,
@@ -188,7 +188,7 @@ fn outlive_signals() -> Result<(), Error> {
 }
 
 /// Tells the run that has started this process; a run that is gone shows at the end of the input.
-fn tell(answer: &Answer) {
+fn tell(answer: &OpenReply) {
     let line = serde_json::to_string(answer).unwrap_or_default();
     let mut output = std::io::stdout();
     let _ = writeln!(output, "{line}").and_then(|()| output.flush());

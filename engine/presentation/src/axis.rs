@@ -123,7 +123,7 @@ impl TableAxis {
         let vocabulary = names.vocabulary;
         let of = |known: &[String], some: &[usize]| some.iter().map(|index| known[*index].clone()).collect();
         match self {
-            TableAxis::Key(key) => vocabulary.swept_values(key),
+            TableAxis::Key(key) => vocabulary.swept_values(key, None),
             TableAxis::Axis(Axis::Agent) => of(&vocabulary.agents, &picked.agents),
             TableAxis::Axis(Axis::Environment) => of(&vocabulary.environments, &picked.environments),
             TableAxis::Axis(Axis::Setting) => settings_of(names, picked),
@@ -151,15 +151,11 @@ pub(crate) fn check_key(
 /// The settings of some agents, in order, preceded by that of an agent that no sweep varies; empty where no sweep
 /// varies any of them.
 fn settings_of(names: &Names<'_>, picked: &Picked) -> Vec<String> {
-    let is_of = |key: &String, agent: &String| {
-        key.strip_prefix(agent.as_str())
-            .is_some_and(|rest| rest.starts_with('.'))
-    };
     let vocabulary = names.vocabulary;
-    let agents = &vocabulary.agents;
-    let keys = || vocabulary.swept.iter().map(|(key, _)| key);
-    let varies_all = keys().any(|key| !agents.iter().any(|agent| is_of(key, agent)));
-    let varies = |index: &usize| varies_all || keys().any(|key| is_of(key, &agents[*index]));
+    let varies = |index: &usize| {
+        let mut keys = vocabulary.swept.iter();
+        keys.any(|key| key.agent.is_none_or(|agent| agent == *index))
+    };
     if !picked.agents.iter().any(varies) {
         return Vec::new();
     }

@@ -3,13 +3,16 @@
 use contract::{
     ArtifactKind, Metric,
     part::Part,
-    sweep_point::{Found, SweepPoint, last_word},
+    sweep_point::{KeyMatch, last_word, word},
 };
 use document::diagnostic::Diagnostic;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// Names of a study's environments, agents and settings, and of the metrics, artifacts and channels of its trials.
 #[derive(Debug, Default)]
@@ -24,10 +27,12 @@ pub struct Vocabulary {
     pub left: BTreeMap<(usize, usize), BTreeSet<ArtifactKind>>,
     /// Names of traced channels, by environment.
     pub traced: BTreeMap<usize, BTreeSet<String>>,
-    /// Points of the sweep, in order; one empty point without a sweep.
-    pub settings: Vec<SweepPoint>,
-    /// The swept keys as they are written, each with its values as words.
-    pub swept: Vec<(String, Vec<String>)>,
+    /// Settings in words, in order; one without words where there is no sweep.
+    pub settings: Vec<Arc<str>>,
+    /// The swept keys.
+    pub swept: Vec<Arc<SweptKey>>,
+    /// Places of the swept keys that stand in one setting together, each list once.
+    pub together: BTreeSet<Vec<usize>>,
     /// Seeds of the study.
     pub seeds: Vec<u64>,
     /// The searches.
@@ -44,6 +49,23 @@ pub struct Vocabulary {
     pub is_recalled: bool,
     /// Announcements of environments that are not built in, by id.
     pub announced: BTreeMap<String, Value>,
+}
+
+/// A swept key, as tables, figures and claims name it.
+#[derive(Debug, Clone)]
+pub struct SweptKey {
+    /// The key as it is written.
+    pub key: Arc<str>,
+    /// Index of the agent whose key it is; `None` for a key of environment or protocol.
+    pub agent: Option<usize>,
+    /// Its values, in the order of the points.
+    pub values: Arc<[Value]>,
+}
+
+impl SweptKey {
+    fn is_called(&self, name: &str) -> bool {
+        *self.key == *name || last_word(&self.key) == name
+    }
 }
 
 /// A search, as tables and figures name it.
@@ -68,35 +90,40 @@ impl Vocabulary {
     #[must_use]
     pub fn swept_names(&self) -> Vec<&str> {
         let mut seen = BTreeSet::new();
-        let keys = self.swept.iter().map(|(key, _)| key.as_str());
+        let keys = self.swept.iter().map(|it| &*it.key);
         keys.flat_map(|key| [last_word(key), key])
-            .filter(|name| seen.insert(*name) && self.sharing(name).is_empty())
+            .filter(|name| seen.insert(*name) && self.ambiguity(name).is_none())
             .collect()
-    }
-
-    /// The whole keys that share a last word within one setting; none where the name is that of one key or of none.
-    fn sharing(&self, name: &str) -> Vec<&str> {
-        let several = |point| match SweepPoint::find(point, name) {
-            Found::Several(keys) => Some(keys),
-            Found::None | Found::One(..) => None,
-        };
-        self.settings.iter().find_map(several).unwrap_or_default()
     }
 
     /// A sentence on the name of several keys of one setting, with the names to choose from; `None` for other names.
     #[must_use]
     pub fn ambiguity(&self, name: &str) -> Option<String> {
-        let keys = self.sharing(name);
-        let sentence = || format!("`{name}` is ambiguous here: name `{}`", keys.join("` or `"));
-        (!keys.is_empty()).then(sentence)
+        self.together.iter().find_map(|together| {
+            let keys: Vec<&str> = together.iter().map(|place| &*self.swept[*place].key).collect();
+            match KeyMatch::of(name, keys.iter().copied()) {
+                KeyMatch::Several(places) => {
+                    let keys: Vec<&str> = places.into_iter().map(|place| keys[place]).collect();
+                    Some(format!(
+                        "`{name}` is ambiguous here: name `{}`",
+                        keys.join("` or `")
+                    ))
+                }
+                KeyMatch::None | KeyMatch::One(_) => None,
+            }
+        })
     }
 
-    /// The values of the swept keys with this whole name or last word, as words; none where no sweep varies such a key.
+    /// The values of the swept keys with this whole name or last word, as words; none where no sweep varies such a key
+    /// of the agent, its environments or its protocol. Keys of all agents count where `agent` is absent.
     #[must_use]
-    pub fn swept_values(&self, name: &str) -> Vec<String> {
-        let is_called = |key: &str| key == name || last_word(key) == name;
-        let called = self.swept.iter().filter(|(key, _)| is_called(key));
-        called.flat_map(|(_, values)| values).cloned().collect()
+    pub fn swept_values(&self, name: &str, agent: Option<usize>) -> Vec<String> {
+        let is_of_other = |it: &SweptKey| agent.is_some() && it.agent.is_some() && it.agent != agent;
+        let called = self
+            .swept
+            .iter()
+            .filter(|it| it.is_called(name) && !is_of_other(it));
+        called.flat_map(|it| it.values.iter().map(word)).collect()
     }
 
     /// Adds the metrics that the trials of an environment and an agent record.

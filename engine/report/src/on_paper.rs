@@ -2,7 +2,7 @@
 //! measure a table, so its width is estimated from the texts.
 
 use maud::{Markup, html};
-use presentation::table::{Grid, Heading, Part, published_and_verdict};
+use presentation::table::{Grid, Heading, PrintedColumn, published_and_verdict};
 use unicode_width::UnicodeWidthStr;
 
 /// Size of text in tables on paper, in points.
@@ -51,7 +51,7 @@ pub(super) fn columns(grid: &Grid) -> Vec<ColumnWidths> {
     let of_column = |(column, heading): (usize, &Heading)| {
         let texts = |row| {
             let under = published_and_verdict(grid, row, column).join(" ");
-            [grid.text(row, Part::Value(column)), under]
+            [grid.text(row, PrintedColumn::Value(column)), under]
         };
         let texts: Vec<String> = (0..grid.rows.len()).flat_map(texts).collect();
         ColumnWidths::of(&heading.label, texts.iter().map(String::as_str), false)

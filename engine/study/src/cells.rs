@@ -10,9 +10,9 @@ use super::{
 };
 use contract::sweep_point::SweepPoint;
 use document::diagnostic::{Diagnostic, Span, suggest};
-use serde_json::Value;
+use presentation::vocabulary::SweptKey;
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::{BTreeMap, BTreeSet, HashSet},
     ops::Range,
     sync::Arc,
 };
@@ -101,14 +101,26 @@ impl Cells {
         Some(self.n_combinations + place)
     }
 
-    /// The settings of combinations, in order, each once.
-    pub(super) fn settings(&self) -> Vec<SweepPoint> {
-        let mut seen = BTreeSet::new();
+    /// The settings of combinations in words, in order, each once.
+    pub(super) fn settings(&self) -> Vec<Arc<str>> {
+        let mut seen = HashSet::new();
         let settings = self.combinations.iter().flat_map(|(_, combination)| {
             let places = 0..combination.n_cells();
-            places.map(|place| combination.setting(&points_at(&combination.dimensions, place)))
+            places.map(|place| {
+                combination
+                    .setting(&points_at(&combination.dimensions, place))
+                    .into_words()
+            })
         });
-        settings.filter(|setting| seen.insert(setting.clone())).collect()
+        settings
+            .filter(|setting| seen.insert(Arc::clone(setting)))
+            .collect()
+    }
+
+    /// Places of the swept keys that stand in one setting together, each list once.
+    pub(super) fn together(&self) -> BTreeSet<Vec<usize>> {
+        let keys = |(_, it): &(usize, PairGrid)| it.keys.iter().map(|key| key.place).collect();
+        self.combinations.iter().map(keys).collect()
     }
 
     /// Artifacts that the cell with an index takes.
@@ -154,7 +166,7 @@ impl Sections<'_> {
                 Ok(parts) => combinations.push(PairGrid {
                     pair,
                     dimensions: self.concerned(&targets),
-                    keys: self.swept(&targets),
+                    keys: self.setting_keys(&targets),
                     parts,
                 }),
                 Err(errors) => found.extend(errors),
@@ -232,29 +244,29 @@ impl Sections<'_> {
         error.help(suggest(name, known.iter().map(|it| it.name.as_str())))
     }
 
-    /// The swept keys of some parts.
-    fn swept(&self, targets: &[Target]) -> Vec<SettingKey> {
+    /// The keys of the settings of some parts.
+    fn setting_keys(&self, targets: &[Target]) -> Vec<SettingKey> {
         let dimensions = self.dimensions.iter().enumerate();
         let keys = dimensions.flat_map(|(dimension, it)| it.keys.iter().map(move |key| (dimension, key)));
-        keys.filter(|(_, key)| targets.contains(&key.path.target))
-            .map(|(dimension, key)| SettingKey {
+        keys.enumerate()
+            .filter(|(_, (_, key))| targets.contains(&key.path.target))
+            .map(|(place, (dimension, key))| SettingKey {
+                place,
                 dimension,
-                name: Arc::clone(&key.text),
-                values: Arc::clone(&key.values),
+                swept: Arc::clone(&key.swept),
             })
             .collect()
     }
 }
 
-/// A swept key as settings have it.
+/// A swept key of a setting, with a value at every point of its dimension.
 #[derive(Debug, Clone)]
 struct SettingKey {
+    /// Its place among all swept keys.
+    place: usize,
     /// Index of its dimension in the sweep.
     dimension: usize,
-    /// The whole key, as it is written.
-    name: Arc<str>,
-    /// Its value at every point of the dimension.
-    values: Arc<[Value]>,
+    swept: Arc<SweptKey>,
 }
 
 /// An environment and an agent at every point of the dimensions that concern them.
@@ -279,7 +291,8 @@ impl PairGrid {
     fn setting(&self, points: &[(usize, usize)]) -> SweepPoint {
         let value = |key: &SettingKey| {
             let (_, point) = points.iter().find(|(dimension, _)| *dimension == key.dimension)?;
-            Some((Arc::clone(&key.name), key.values[*point].clone()))
+            let SweptKey { key, values, .. } = &*key.swept;
+            Some((Arc::clone(key), values[*point].clone()))
         };
         self.keys.iter().filter_map(value).collect()
     }

@@ -7,7 +7,7 @@ use super::{
     path,
     search::LocatedSearch,
     sections::StudyText,
-    sweep::Dimension,
+    sweep::{Dimension, LocatedKey},
     written::{PartKind, Selection, Target, Written},
 };
 use contract::{
@@ -84,6 +84,11 @@ impl Sections<'_> {
         all.filter(|(_, it)| it.concerns(targets))
             .map(|(index, it)| (index, it.n_points()))
             .collect()
+    }
+
+    /// The swept keys, in the order of the sweep.
+    pub(super) fn swept(&self) -> impl Iterator<Item = &LocatedKey<'_>> {
+        self.dimensions.iter().flat_map(|dimension| &dimension.keys)
     }
 
     /// A warning for samples that came to the same setting.

@@ -41,7 +41,11 @@ impl Dimension<'_> {
     pub fn repeats(&self, sources: &Sources) -> Option<Diagnostic> {
         let repeats = Repeats::of(self)?;
         let key = &self.keys[0];
-        let warning = sources.warning(key.path.span, &format!("sweep.{}", key.text), repeats.to_string());
+        let warning = sources.warning(
+            key.path.span,
+            &format!("sweep.{}", key.swept.key),
+            repeats.to_string(),
+        );
         Some(
             warning
                 .help("samples of whole numbers are rounded; ask for fewer, or list the values in a `grid`"),

@@ -189,8 +189,8 @@ fn play(play: &Play) -> Value {
 /// The sweep without keys that a profile or an option fixed.
 fn sweep(root: &Node, sections: &Sections<'_>) -> Section {
     let kept = |entry: &&Entry| {
-        let mut keys = sections.dimensions.iter().flat_map(|dimension| &dimension.keys);
-        keys.any(|key| *key.text == entry.key)
+        let mut keys = sections.swept();
+        keys.any(|key| *key.swept.key == entry.key)
     };
     let entries = root
         .get("sweep")

@@ -405,7 +405,7 @@ impl<'a> SearchReader<'a, '_> {
             Some(key) => {
                 let message = format!(
                     "`{}` is swept, so that `{name}` would have several best settings",
-                    key.text
+                    key.swept.key
                 );
                 let error = self.sources.error(span, &self.at(), message);
                 Err(vec![

@@ -9,11 +9,12 @@ use super::{
     written::{Target, Written},
 };
 use analysis::search::Numbers;
-use contract::{random, sweep_point::word};
+use contract::random;
 use document::{
     Entry, FittingEntries, Node,
     diagnostic::{Diagnostic, Sources, Span},
 };
+use presentation::vocabulary::SweptKey;
 use rand::{Rng as _, seq::SliceRandom};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -92,39 +93,32 @@ pub(super) struct SlicedSamples {
     log: bool,
 }
 
-/// A swept key with the value it has at each point of its dimension.
+/// A swept key with its place in the study. It has a value at each point of its dimension.
 #[derive(Debug, Clone)]
-pub struct SweptKey<'a> {
+pub struct LocatedKey<'a> {
+    /// The key and its values, as later stages read them.
+    pub swept: Arc<SweptKey>,
     /// The key in the study.
     pub path: KeyPath<'a>,
-    /// Path of the key, as it is written.
-    pub text: Arc<str>,
-    /// Values of the key, one for each point.
-    pub values: Arc<[Value]>,
     /// Where each value is written; the place of the generator for samples.
     spans: Vec<Span>,
 }
 
-impl SweptKey<'_> {
+impl LocatedKey<'_> {
     /// Writes the value of a point into the config of the key's part.
     pub(super) fn assign(&self, point: usize, config: &mut Node) {
-        self.path
-            .assign(config, &Node::from_value(self.spans[point], &self.values[point]));
-    }
-
-    /// The key and its values as tables and claims name them.
-    #[must_use]
-    pub fn in_words(&self) -> (String, Vec<String>) {
-        (self.text.to_string(), self.values.iter().map(word).collect())
+        let value = Node::from_value(self.spans[point], &self.swept.values[point]);
+        self.path.assign(config, &value);
     }
 
     /// Leaves the points for which `is_kept` is true.
     fn keep(&mut self, is_kept: &[bool]) {
-        let own = self.values.iter().zip(&self.spans).zip(is_kept);
+        let own = self.swept.values.iter().zip(&self.spans).zip(is_kept);
         let kept = own.filter_map(|(point, is_kept)| is_kept.then_some(point));
         let (values, spans): (Vec<Value>, Vec<Span>) =
             kept.map(|(value, span)| (value.clone(), *span)).unzip();
-        (self.values, self.spans) = (values.into(), spans);
+        Arc::make_mut(&mut self.swept).values = values.into();
+        self.spans = spans;
     }
 }
 
@@ -132,7 +126,7 @@ impl SweptKey<'_> {
 #[derive(Debug, Clone)]
 pub struct Dimension<'a> {
     /// The keys; all have the same number of values.
-    pub keys: Vec<SweptKey<'a>>,
+    pub keys: Vec<LocatedKey<'a>>,
     /// How many points were written or drawn; samples that came to the same setting are one point.
     pub drawn: usize,
 }
@@ -141,7 +135,7 @@ impl Dimension<'_> {
     /// Number of points of the dimension.
     #[must_use]
     pub fn n_points(&self) -> usize {
-        self.keys.first().map_or(0, |key| key.values.len())
+        self.keys.first().map_or(0, |key| key.swept.values.len())
     }
 
     /// Leaves the first of the points that came to the same setting, as samples of whole numbers may.
@@ -208,7 +202,7 @@ pub fn read<'a>(
             None => {
                 groups.extend(group.map(|name| (name, dimensions.len())));
                 dimensions.push(Dimension {
-                    drawn: key.values.len(),
+                    drawn: key.swept.values.len(),
                     keys: vec![key],
                 });
             }
@@ -229,7 +223,7 @@ fn swept_key<'a>(
     written: &Written,
     schema: &'a Value,
     sources: &Sources,
-) -> Result<SweptKey<'a>, Vec<Diagnostic>> {
+) -> Result<LocatedKey<'a>, Vec<Diagnostic>> {
     let at = format!("sweep.{}", entry.key);
     let path = path::find(&entry.key, entry.key_span, &at, written, schema, sources)?;
     if path.target == Target::Seeds {
@@ -273,10 +267,17 @@ fn swept_key<'a>(
         .take(1)
         .collect();
     if wrong.is_empty() {
-        Ok(SweptKey {
-            path,
-            text: entry.key.as_str().into(),
+        let swept = SweptKey {
+            key: entry.key.as_str().into(),
+            agent: match path.target {
+                Target::Agent(index) => Some(index),
+                _ => None,
+            },
             values: values.into(),
+        };
+        Ok(LocatedKey {
+            swept: swept.into(),
+            path,
             spans: nodes.iter().map(|node| node.span).collect(),
         })
     } else {
@@ -396,17 +397,22 @@ fn slices(name: &str, count: usize) -> Vec<f64> {
         .collect()
 }
 
-fn unequal(first: &SweptKey<'_>, key: &SweptKey<'_>, group: &str, sources: &Sources) -> Option<Diagnostic> {
-    let (mine, theirs) = (key.values.len(), first.values.len());
+fn unequal(
+    first: &LocatedKey<'_>,
+    key: &LocatedKey<'_>,
+    group: &str,
+    sources: &Sources,
+) -> Option<Diagnostic> {
+    let (mine, theirs) = (key.swept.values.len(), first.swept.values.len());
     if mine == theirs {
         return None;
     }
     let what = if group == "zip" { "values" } else { "samples" };
     let message = format!(
         "`{}` has {mine} {what}, but `{}` has {theirs}",
-        key.text, first.text
+        key.swept.key, first.swept.key
     );
-    let error = sources.error(key.path.span, &format!("sweep.{}", key.text), message);
+    let error = sources.error(key.path.span, &format!("sweep.{}", key.swept.key), message);
     let rule = if group == "zip" {
         "`zip` keys go together, one by one"
     } else {
@@ -420,12 +426,12 @@ fn unequal(first: &SweptKey<'_>, key: &SweptKey<'_>, group: &str, sources: &Sour
 }
 
 fn swept_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnostic> {
-    let keys: Vec<&SweptKey<'_>> = dimensions.iter().flat_map(|dimension| &dimension.keys).collect();
+    let keys: Vec<&LocatedKey<'_>> = dimensions.iter().flat_map(|dimension| &dimension.keys).collect();
     let mut found = Vec::new();
     for (index, key) in keys.iter().enumerate() {
         if let Some(other) = keys[..index].iter().find(|other| other.path.overlaps(&key.path)) {
-            let message = format!("`{}` is swept twice", key.text);
-            let error = sources.error(key.path.span, &format!("sweep.{}", key.text), message);
+            let message = format!("`{}` is swept twice", key.swept.key);
+            let error = sources.error(key.path.span, &format!("sweep.{}", key.swept.key), message);
             found.push(error.note("it is swept first here", sources.place(other.path.span)));
         }
     }
@@ -443,7 +449,7 @@ fn points_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnost
             let earlier = *seen.entry(point).or_insert(*span);
             if earlier != *span {
                 let message = "this point of the sweep is given twice";
-                let error = sources.error(*span, &format!("sweep.{}", first.text), message);
+                let error = sources.error(*span, &format!("sweep.{}", first.swept.key), message);
                 let note = error.note("it is given first here", sources.place(earlier));
                 found.push(note.help("write it once: its trials would be the same ones"));
             }
@@ -453,8 +459,8 @@ fn points_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnost
 }
 
 /// The values of all keys at one point, in words that are equal where the values are equal.
-fn point(keys: &[SweptKey<'_>], index: usize) -> Vec<String> {
-    let values = keys.iter().filter_map(|key| key.values.get(index));
+fn point(keys: &[LocatedKey<'_>], index: usize) -> Vec<String> {
+    let values = keys.iter().filter_map(|key| key.swept.values.get(index));
     values
         .map(|value| comparable(value.clone()).to_string())
         .collect()

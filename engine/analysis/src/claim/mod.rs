@@ -28,11 +28,10 @@ pub use parse::{is_name_character, parse};
 
 use contract::{
     recorder::Phase,
-    sweep_point::{SweepPoint, word},
+    sweep_point::{SweepPoint, as_word, word},
     trial_result::TrialResult,
 };
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 use statistics::estimators::mean;
 use std::fmt;
 
@@ -133,7 +132,7 @@ pub struct Operand {
     pub within: Option<Within>,
     /// The agent's name in the study.
     pub agent: String,
-    /// Values of swept keys that its trials have, as words; none where any will do.
+    /// Values of swept keys that its trials have, as words or JSON; none where any will do.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub setting: Vec<(String, String)>,
     /// Name of the metric.
@@ -176,11 +175,7 @@ impl Operand {
     /// Whether a trial stands at the operand's values of swept keys.
     #[must_use]
     pub fn is_at(&self, point: &SweepPoint) -> bool {
-        let is_there = |(key, value): &(String, String)| {
-            let is_json = |it: &Value| serde_json::to_string(it).is_ok_and(|text| text == *value);
-            let is_value = |it: &Value| word(it) == *value || is_json(it);
-            point.get(key).is_some_and(is_value)
-        };
+        let is_there = |(key, value): &(String, String)| point.get(key).map(word) == Some(as_word(value));
         self.setting.iter().all(is_there)
     }
 }

@@ -1,6 +1,7 @@
 //! Reads a claim from its text, by recursive descent over the grammar of the parent module.
 
 use super::{Aggregate, Claim, ClaimError, Operand, Quantity, Relation, Within, forms::SYMBOLS};
+use contract::sweep_point::as_word;
 use serde_json::Value;
 
 /// Reads one claim.
@@ -249,7 +250,7 @@ impl<'a> ClaimParser<'a> {
             }
         } else {
             let end = rest.find([',', ']']).unwrap_or(rest.len());
-            (as_swept(rest[..end].trim()), end)
+            (as_word(rest[..end].trim()), end)
         };
         if value.is_empty() {
             self.position = start;
@@ -389,14 +390,6 @@ pub fn is_name_character(character: char) -> bool {
     character.is_alphanumeric() || character == '_' || character == '-'
 }
 
-/// A value as settings write it: a number may be written in any form, as in `1e-3`.
-fn as_swept(text: &str) -> String {
-    match serde_json::from_str(text) {
-        Ok(Value::Number(number)) => number.to_string(),
-        _ => text.to_owned(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -415,19 +408,6 @@ mod tests {
                 metric: metric.into(),
                 environment: None,
             },
-        }
-    }
-
-    #[test]
-    fn a_swept_number_may_be_written_in_any_form() {
-        for (written, meant) in [
-            ("1e-3", "0.001"),
-            ("0.0010", "0.001"),
-            ("16", "16"),
-            ("fast", "fast"),
-            ("1.", "1."),
-        ] {
-            assert_eq!(as_swept(written), meant);
         }
     }
 

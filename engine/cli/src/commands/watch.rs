@@ -5,7 +5,7 @@ use super::{
     console::{colour, listen_for_signals, terminal_width},
     say,
 };
-use crate::watch::{Choice, View, Watched, Watcher, draw, page, plain};
+use crate::watch::{Focus, View, Watched, Watcher, draw, page, plain};
 use analysis::search::Direction;
 use clap::Args;
 use contract::{Better, Error, Registry};
@@ -204,10 +204,10 @@ impl Watching<'_> {
     }
 
     fn show(&mut self, mut terminal: ratatui::DefaultTerminal, stop: &AtomicBool) -> Result<Exit, Failure> {
-        let mut choice = Choice {
+        let mut choice = Focus {
             colours: colour(),
             keys: true,
-            ..Choice::default()
+            ..Focus::default()
         };
         let (mut view, mut next) = self.look_timed();
         loop {
@@ -241,26 +241,26 @@ fn leaves(key: KeyEvent) -> bool {
 }
 
 /// Action that a key chooses.
-fn turned(choice: Choice, key: KeyCode) -> Choice {
+fn turned(choice: Focus, key: KeyCode) -> Focus {
     let (panel, metric, scroll) = (choice.panel, choice.metric, choice.scroll);
     match key {
-        KeyCode::Right | KeyCode::Tab => Choice {
+        KeyCode::Right | KeyCode::Tab => Focus {
             panel: panel.wrapping_add(1),
             ..choice
         },
-        KeyCode::Left => Choice {
+        KeyCode::Left => Focus {
             panel: panel.saturating_sub(1),
             ..choice
         },
-        KeyCode::Char('m') => Choice {
+        KeyCode::Char('m') => Focus {
             metric: metric.wrapping_add(1),
             ..choice
         },
-        KeyCode::Down => Choice {
+        KeyCode::Down => Focus {
             scroll: scroll.saturating_add(1),
             ..choice
         },
-        KeyCode::Up => Choice {
+        KeyCode::Up => Focus {
             scroll: scroll.saturating_sub(1),
             ..choice
         },
@@ -291,7 +291,7 @@ mod tests {
         );
         let after = |keys: &[KeyCode]| {
             keys.iter()
-                .fold(Choice::default(), |choice, key| turned(choice, *key))
+                .fold(Focus::default(), |choice, key| turned(choice, *key))
         };
         let choice = after(&[
             KeyCode::Right,

@@ -9,7 +9,7 @@ mod short;
 mod watcher;
 
 pub use page::page;
-pub use screen::{Choice, draw, plain};
+pub use screen::{Focus, draw, plain};
 pub use watcher::{Watched, Watcher};
 
 use contract::trial_end::EndState;

@@ -19,7 +19,7 @@ use ratatui::{
 
 /// The part of a view that is shown.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Choice {
+pub struct Focus {
     /// Which panel, counted round.
     pub panel: usize,
     /// Which metric, counted round.
@@ -39,7 +39,7 @@ const BAR: usize = 20;
 const KEYS: &str = "q leave   ←→ environment   m metric   ↑↓ running trials";
 
 /// Draws a view.
-pub fn draw(frame: &mut Frame<'_>, view: &View, choice: Choice) {
+pub fn draw(frame: &mut Frame<'_>, view: &View, choice: Focus) {
     let area = frame.area();
     let head = head(view, choice, usize::from(area.width));
     let running: Vec<&RunningView> = view.studies.iter().flat_map(|study| &study.running).collect();
@@ -85,12 +85,12 @@ pub fn plain(view: &View, width: u16) -> String {
     let notes: usize = view.studies.iter().map(|study| study.notes.len()).sum();
     let height = 3 * view.studies.len() + notes + running.min(20) + curves + 2;
     let height = u16::try_from(height).unwrap_or(u16::MAX);
-    let text = drawn(view, Choice::default(), (width, height));
+    let text = drawn(view, Focus::default(), (width, height));
     text.trim_end().to_owned()
 }
 
 /// The lines that a terminal of some size shows.
-fn drawn(view: &View, choice: Choice, (width, height): (u16, u16)) -> String {
+fn drawn(view: &View, choice: Focus, (width, height): (u16, u16)) -> String {
     // Nothing can fail in a buffer in memory.
     let Ok(mut terminal) = Terminal::new(TestBackend::new(width, height));
     let Ok(_) = terminal.draw(|frame| draw(frame, view, choice));
@@ -105,7 +105,7 @@ fn drawn(view: &View, choice: Choice, (width, height): (u16, u16)) -> String {
 }
 
 /// The metric that is shown; empty where none is recorded.
-fn metric(view: &View, choice: Choice) -> &str {
+fn metric(view: &View, choice: Focus) -> &str {
     match view.metrics.as_slice() {
         [] => "",
         all => &all[choice.metric % all.len()],
@@ -113,7 +113,7 @@ fn metric(view: &View, choice: Choice) -> &str {
 }
 
 /// Two or three lines a study, and what could not be read.
-fn head(view: &View, choice: Choice, width: usize) -> Vec<Line<'static>> {
+fn head(view: &View, choice: Focus, width: usize) -> Vec<Line<'static>> {
     let bold = Style::new().add_modifier(Modifier::BOLD);
     let alarm = if choice.colours {
         Style::new().fg(Color::Red)
@@ -140,7 +140,7 @@ fn head(view: &View, choice: Choice, width: usize) -> Vec<Line<'static>> {
 }
 
 /// The best of the panel that is shown, or of the first one of a study of which none is.
-fn best(view: &View, study: &StudyView, choice: Choice, width: usize) -> Option<Line<'static>> {
+fn best(view: &View, study: &StudyView, choice: Focus, width: usize) -> Option<Line<'static>> {
     let metric = metric(view, choice);
     let panels: Vec<_> = view.panels().collect();
     let shown = panels.get(choice.panel.checked_rem(panels.len())?);
@@ -160,7 +160,7 @@ fn part(done: usize, all: usize) -> Option<f64> {
 }
 
 /// The curves of the chosen panel and metric, under their legend.
-fn curves(frame: &mut Frame<'_>, view: &View, choice: Choice, area: Rect) {
+fn curves(frame: &mut Frame<'_>, view: &View, choice: Focus, area: Rect) {
     let panels: Vec<_> = view.panels().collect();
     if panels.is_empty()
         || view.metrics.is_empty()
@@ -246,28 +246,28 @@ mod tests {
 
     #[test]
     fn a_terminal_of_the_usual_size_shows_everything() {
-        let choice = Choice {
+        let choice = Focus {
             keys: true,
             colours: true,
-            ..Choice::default()
+            ..Focus::default()
         };
         insta::assert_snapshot!(drawn(&view(), choice, (80, 24)));
     }
 
     #[test]
     fn a_small_one_shows_what_matters_most() {
-        let choice = Choice {
+        let choice = Focus {
             keys: true,
-            ..Choice::default()
+            ..Focus::default()
         };
         insta::assert_snapshot!(drawn(&view(), choice, (40, 12)));
     }
 
     #[test]
     fn a_search_has_readable_settings_and_names_its_best_five() {
-        let choice = Choice {
+        let choice = Focus {
             colours: true,
-            ..Choice::default()
+            ..Focus::default()
         };
         insta::assert_snapshot!(drawn(&search(9), choice, (80, 24)));
     }
@@ -313,7 +313,7 @@ mod tests {
         };
         for view in [view(), search(9), many, odd, View::default()] {
             for (width, height) in (0..40).flat_map(|width| (0..30).map(move |height| (width, height))) {
-                let choice = Choice {
+                let choice = Focus {
                     panel: 7,
                     metric: 9,
                     scroll: 99,
@@ -334,16 +334,16 @@ mod tests {
                 ..RunningView::default()
             })
             .collect();
-        let text = drawn(&view, Choice::default(), (80, 24));
+        let text = drawn(&view, Focus::default(), (80, 24));
         assert!(
             text.contains("running: 1 to 9 of 50") && text.contains("every seed"),
             "{text}"
         );
         let scrolled = drawn(
             &view,
-            Choice {
+            Focus {
                 scroll: 45,
-                ..Choice::default()
+                ..Focus::default()
             },
             (80, 24),
         );

@@ -1,6 +1,6 @@
 //! Names of agents with their settings as short as a terminal needs them.
 
-use contract::sweep_point::last_word;
+use contract::sweep_point::{last_word, split_words};
 use std::{borrow::Cow, collections::BTreeSet};
 
 /// How many letters of each word of a key stay, and how many digits of a value; all where there is no number.
@@ -52,7 +52,7 @@ fn at_level(name: &str, (letters, digits): (Option<usize>, Option<usize>)) -> St
         )),
         None => Cow::Borrowed(word),
     };
-    let words: Vec<Cow<'_, str>> = name.split(' ').map(word).collect();
+    let words: Vec<Cow<'_, str>> = split_words(name).map(word).collect();
     words.join(" ")
 }
 

@@ -16,7 +16,7 @@
 //! after a crash of its controller, and an accepted job may be forgotten by one: job ids are kept to be
 //! shown, never to decide, where jobs can be found by their names.
 
-mod answer;
+mod command_output;
 mod dispatch;
 mod follow;
 pub mod hyperqueue;
@@ -29,8 +29,8 @@ pub mod ssh;
 mod submission;
 mod work;
 
-pub use answer::Stop;
-pub(crate) use answer::tell;
+pub use command_output::Stop;
+pub(crate) use command_output::tell;
 pub use dispatch::{Dispatch, Holding, View, cancel, holdings, open};
 pub use follow::{Patience, WaitEnd, Watch, describe};
 pub use kind::{ExecutorKind, ExecutorOptions, LOCAL, RegisterExecutor, Way, all, find};

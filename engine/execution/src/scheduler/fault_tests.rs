@@ -21,7 +21,7 @@ mod toys;
 use super::{
     Reply, Task, Workers,
     queue::Queue,
-    slot::{Answer, Runner, Slot, SlotContext},
+    slot::{RequestOutcome, Runner, Slot, SlotContext},
     worker::{self, Request},
 };
 use crate::{
@@ -221,7 +221,7 @@ impl Runner for InThreadRunner<'_> {
         request: Request,
         _: &Arc<Limits>,
         _: &mut dyn FnMut(u64, u64),
-    ) -> Result<Answer, Error> {
+    ) -> Result<RequestOutcome, Error> {
         let (id, ledger) = (request.trial.id.clone(), &self.bench.ledger);
         ledger.begins(&id, quietly(|| self.bench.who(self.place, &id)), EXPIRY, lives);
         let mut replies = LeaseRenewer {
@@ -245,7 +245,7 @@ impl Runner for InThreadRunner<'_> {
             _ => {}
         }
         ledger.leaves(&id, quietly(process::id));
-        Ok(Answer::Said(reply))
+        Ok(RequestOutcome::Said(reply))
     }
 
     fn dismiss(&mut self) {}

@@ -2,7 +2,7 @@
 
 use super::{
     silence::{Silence, WatchedReader},
-    slot::{Answer, Runner},
+    slot::{RequestOutcome, Runner},
     worker::{Message, Reply, Request},
 };
 use crate::{
@@ -52,7 +52,7 @@ impl Runner for Worker<'_> {
         request: Request,
         limits: &Arc<Limits>,
         progress: &mut dyn FnMut(u64, u64),
-    ) -> Result<Answer, Error> {
+    ) -> Result<RequestOutcome, Error> {
         let message = serde_json::to_string(&Message::Run(Box::new(request)));
         let message = message.map_err(|source| Error::Worker {
             problem: source.to_string(),
@@ -71,7 +71,7 @@ impl Runner for Worker<'_> {
                 clock::sleep(TOLD);
             }
             let (state, reason) = exceeded.unwrap_or_else(|| explain(status));
-            return Ok(Answer::Died {
+            return Ok(RequestOutcome::Died {
                 state,
                 reason,
                 by_limit,
@@ -83,7 +83,7 @@ impl Runner for Worker<'_> {
         } else if self.process.end() {
             self.replies = Some(replies);
         }
-        Ok(Answer::Said(reply))
+        Ok(RequestOutcome::Said(reply))
     }
 
     fn dismiss(&mut self) {

@@ -41,7 +41,7 @@ pub(super) trait Runner {
         request: Request,
         limits: &Arc<Limits>,
         progress: &mut dyn FnMut(u64, u64),
-    ) -> Result<Answer, Error>;
+    ) -> Result<RequestOutcome, Error>;
 
     /// Called when no trial follows for now.
     fn dismiss(&mut self);
@@ -53,7 +53,7 @@ impl<R: Runner + ?Sized> Runner for Box<R> {
         request: Request,
         limits: &Arc<Limits>,
         progress: &mut dyn FnMut(u64, u64),
-    ) -> Result<Answer, Error> {
+    ) -> Result<RequestOutcome, Error> {
         (**self).run(request, limits, progress)
     }
 
@@ -63,7 +63,7 @@ impl<R: Runner + ?Sized> Runner for Box<R> {
 }
 
 /// Result of a request.
-pub(super) enum Answer {
+pub(super) enum RequestOutcome {
     /// The last message about the request.
     Said(Reply),
     /// The process that ran the trial is gone without a last message.
@@ -382,20 +382,22 @@ impl<'a, R: Runner> Slot<'a, R> {
             let _ = events.send(Event::Progress { slot, done, total });
         };
         let answer = self.runner.run(request, &task.limits, &mut progress)?;
-        if !matches!(answer, Answer::Lost(_)) {
+        if !matches!(answer, RequestOutcome::Lost(_)) {
             self.lost = None;
         }
         match answer {
-            Answer::Lost(_) if self.stopping() => Ok(AttemptOutcome::Stopped),
-            Answer::Lost(problem) => Ok(AttemptOutcome::Lost(problem)),
-            Answer::Said(Reply::Ended { end }) => Ok(AttemptOutcome::Ended(end)),
-            Answer::Said(Reply::Paused) => Ok(AttemptOutcome::Paused),
-            Answer::Said(Reply::Unready { reason }) => Ok(AttemptOutcome::Unready(reason)),
-            Answer::Said(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
-            Answer::Said(Reply::DeviceLost { problem }) => Err(Error::Device { problem }),
-            Answer::Said(Reply::Stopped | Reply::Progress { .. }) => Ok(AttemptOutcome::Stopped),
-            Answer::Died { by_limit: false, .. } if self.is_stopped_too() => Ok(AttemptOutcome::Stopped),
-            Answer::Died { state, reason, .. } => {
+            RequestOutcome::Lost(_) if self.stopping() => Ok(AttemptOutcome::Stopped),
+            RequestOutcome::Lost(problem) => Ok(AttemptOutcome::Lost(problem)),
+            RequestOutcome::Said(Reply::Ended { end }) => Ok(AttemptOutcome::Ended(end)),
+            RequestOutcome::Said(Reply::Paused) => Ok(AttemptOutcome::Paused),
+            RequestOutcome::Said(Reply::Unready { reason }) => Ok(AttemptOutcome::Unready(reason)),
+            RequestOutcome::Said(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
+            RequestOutcome::Said(Reply::DeviceLost { problem }) => Err(Error::Device { problem }),
+            RequestOutcome::Said(Reply::Stopped | Reply::Progress { .. }) => Ok(AttemptOutcome::Stopped),
+            RequestOutcome::Died { by_limit: false, .. } if self.is_stopped_too() => {
+                Ok(AttemptOutcome::Stopped)
+            }
+            RequestOutcome::Died { state, reason, .. } => {
                 self.died(task, turn, state, reason, clock::since(started).as_secs_f64())
             }
         }

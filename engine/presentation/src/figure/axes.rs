@@ -3,7 +3,7 @@
 use super::{
     chart::{Panel, Scale},
     layout::{count, text},
-    paint::{Align, Mark, Place, text_width},
+    paint::{Align, Mark, Position, text_width},
     style::{FAINT, INK},
     ticks::{self, Tick},
 };
@@ -74,7 +74,7 @@ impl Range {
         value.is_finite() && (!self.log || value > 0.0)
     }
 
-    /// Place of a value as a part of the axis: 0 at the lower end, 1 at the upper one, clamped to both. NaN lies at
+    /// Position of a value as a part of the axis: 0 at the lower end, 1 at the upper one, clamped to both. NaN lies at
     /// the lower end.
     pub(super) fn part(self, value: f64) -> f64 {
         let part = if self.log {
@@ -90,7 +90,7 @@ impl Range {
 
 impl Frame {
     /// Position of a pair of values on paper.
-    pub(super) fn at(&self, x: f64, y: f64) -> Place {
+    pub(super) fn at(&self, x: f64, y: f64) -> Position {
         (
             self.left + self.x.part(x) * (self.right - self.left),
             self.bottom - self.y.part(y) * (self.bottom - self.top),
@@ -136,7 +136,7 @@ pub(super) fn background(frame: &Frame, panel: &Panel, grid: bool, marks: &mut V
     if !grid {
         return;
     }
-    let faint = |points: Vec<Place>| Mark::Line {
+    let faint = |points: Vec<Position>| Mark::Line {
         points,
         width: 0.4,
         color: FAINT,
@@ -215,7 +215,7 @@ pub(super) fn horizontal(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) ->
 }
 
 /// An upright label in one line, or in several where it is longer than the room; `x` is the middle of the first line.
-pub(super) fn upright(label: &str, (x, y): Place, room: f64, marks: &mut Vec<Mark>) {
+pub(super) fn upright(label: &str, (x, y): Position, room: f64, marks: &mut Vec<Mark>) {
     for (index, line) in break_lines(label, room).into_iter().enumerate() {
         let at = (x + LINE * count(index), y);
         marks.push(Mark::Text {

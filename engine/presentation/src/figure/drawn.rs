@@ -10,8 +10,8 @@ use super::{
 use crate::table::{Axis, Scope};
 use contract::{ArtifactKind, drawing::Drawings, trial_result::TrialResult};
 
-/// Choice of trials: one per agent and setting, all of one environment and seed.
-pub(super) struct Choice<'k> {
+/// Trials that are drawn: one per agent and setting, all of one environment and seed.
+pub(super) struct DrawnTrials<'k> {
     pub(super) agents: &'k [String],
     pub(super) environment: Option<&'k String>,
     pub(super) seed: Option<u64>,
@@ -26,7 +26,7 @@ pub(super) struct ArtifactTrials<'a> {
     pub(super) missing: Vec<String>,
 }
 
-impl Choice<'_> {
+impl DrawnTrials<'_> {
     /// Finds the trials that left an artifact of a kind.
     pub(super) fn find<'a>(
         &self,

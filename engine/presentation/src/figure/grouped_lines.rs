@@ -11,13 +11,17 @@ use crate::{
     kinds::KindSpec,
     names::{Names, Place},
     table::Scope,
+    vocabulary::Vocabulary,
 };
-use contract::{Error, sweep_point::word};
+use contract::{
+    Error,
+    sweep_point::{last_word, split_words, word},
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use statistics::Summary;
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
 /// A metric against a swept key.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -56,6 +60,17 @@ impl Figure for GroupedLines {
         let picked = names.pick(at);
         names.metric(&self.metric, at, "metric", &picked);
         check_swept(&self.x, names, at);
+    }
+
+    fn further_names(&self, vocabulary: &Vocabulary) -> Vec<String> {
+        let names = [&self.x, last_word(&self.x)];
+        let is_apart = |word: &&str| word.split_once('=').is_some_and(|(key, _)| names.contains(&key));
+        let rest = |setting: &Arc<str>| {
+            let words: Vec<&str> = split_words(setting).filter(|word| !is_apart(word)).collect();
+            words.join(" ")
+        };
+        let rests = vocabulary.settings.iter().map(rest);
+        rests.chain([self.x.clone()]).collect()
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {

@@ -11,6 +11,7 @@ use crate::{
     kinds::{Contradiction, KindSpec},
     names::{Names, Place},
     table::{self, Comparison, Grid, Heading, Intervals, Table},
+    vocabulary::Vocabulary,
 };
 use contract::Error;
 use schemars::JsonSchema;
@@ -47,6 +48,12 @@ impl Figure for HeatMap {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let of = at.below("of").unwrap_or(at.clone());
         self.of.check(names, &of, None);
+    }
+
+    fn further_names(&self, vocabulary: &Vocabulary) -> Vec<String> {
+        let axes = std::iter::once(&self.of.rows).chain(&self.of.columns);
+        let keys = axes.filter_map(TableAxis::key);
+        keys.flat_map(|key| vocabulary.swept_values(key, None)).collect()
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {

@@ -4,7 +4,7 @@ use super::{
     Figure, FigureSpec,
     build::{Context, problem},
     chart::Chart,
-    drawn::{Choice, panel},
+    drawn::{DrawnTrials, panel},
     shape::{Shape, Tiles},
 };
 use crate::kinds::KindSpec;
@@ -73,7 +73,7 @@ impl Figure for Images {
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
-        let choice = Choice {
+        let choice = DrawnTrials {
             agents: &self.agents,
             environment: self.environment.as_ref(),
             seed: self.seed,

@@ -71,6 +71,7 @@ pub use trajectory::Trajectory;
 use crate::{
     kinds::{Chosen, Kind, KindOptions, KindSpec, Readable},
     names::{Names, Place},
+    vocabulary::Vocabulary,
 };
 use contract::{ArtifactKind, Error};
 use schemars::JsonSchema;
@@ -103,6 +104,12 @@ pub(crate) fn kinds() -> Vec<Readable<dyn Figure>> {
 pub trait Figure: KindOptions {
     /// Checks every name in it against the names that trials record.
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>);
+
+    /// Names that it prints beside those of metrics, channels, agents, environments and settings: `labels` may replace
+    /// them, too.
+    fn further_names(&self, _: &Vocabulary) -> Vec<String> {
+        Vec::new()
+    }
 
     /// Resolves the files that it names against the folder of the study.
     fn seek_from(&mut self, _folder: &Path) {}

@@ -59,23 +59,23 @@ impl Drawing {
 }
 
 /// A position in points, from the upper left corner.
-pub(super) type Place = (f64, f64);
+pub(super) type Position = (f64, f64);
 
 /// A shape, a text or an image to paint.
 #[derive(Clone)]
 pub(super) enum Mark {
     Line {
-        points: Vec<Place>,
+        points: Vec<Position>,
         width: f64,
         color: Rgb,
     },
     Fill {
-        points: Vec<Place>,
+        points: Vec<Position>,
         color: Rgb,
         opacity: f64,
     },
     Text {
-        at: Place,
+        at: Position,
         text: String,
         size: f64,
         align: Align,
@@ -83,7 +83,11 @@ pub(super) enum Mark {
         color: Rgb,
     },
     /// A square image whose pixels stay squares. Images lie over all other marks.
-    Image { corner: Place, side: f64, image: Image },
+    Image {
+        corner: Position,
+        side: f64,
+        image: Image,
+    },
 }
 
 /// Side of a text at its place; an upright text is turned with its sides.
@@ -127,7 +131,7 @@ impl Extent {
 
 impl Mark {
     /// An area that hides what lies below it.
-    pub(super) fn area(points: Vec<Place>, color: Rgb) -> Self {
+    pub(super) fn area(points: Vec<Position>, color: Rgb) -> Self {
         Self::Fill {
             points,
             color,
@@ -136,9 +140,9 @@ impl Mark {
     }
 
     /// The mark, scaled and then moved.
-    pub(super) fn moved(&self, scale: f64, by: Place) -> Self {
-        let place = |(x, y): &Place| (x * scale + by.0, y * scale + by.1);
-        let all = |points: &[Place]| points.iter().map(place).collect();
+    pub(super) fn moved(&self, scale: f64, by: Position) -> Self {
+        let place = |(x, y): &Position| (x * scale + by.0, y * scale + by.1);
+        let all = |points: &[Position]| points.iter().map(place).collect();
         match self.clone() {
             Self::Line { points, width, color } => Self::Line {
                 points: all(&points),
@@ -182,7 +186,7 @@ impl Mark {
         let (Self::Line { points, .. } | Self::Fill { points, .. }) = self else {
             return None;
         };
-        let of = |&(x, y): &Place| Extent {
+        let of = |&(x, y): &Position| Extent {
             left: x,
             top: y,
             right: x,
@@ -380,7 +384,7 @@ impl Pen {
     fn line<B: DrawingBackend>(
         &self,
         backend: &mut B,
-        points: &[Place],
+        points: &[Position],
         style: ShapeStyle,
     ) -> Result<(), Error> {
         let points: Vec<_> = points.iter().map(|point| self.place(*point)).collect();
@@ -395,7 +399,7 @@ impl Pen {
     fn text<B: DrawingBackend>(
         &self,
         backend: &mut B,
-        at: Place,
+        at: Position,
         text: &str,
         size: f64,
         (align, upright, color): (Align, bool, Rgb),
@@ -430,7 +434,7 @@ impl Pen {
         backend.draw_text(&text, &style, self.place(at)).map_err(refused)
     }
 
-    fn place(&self, (x, y): Place) -> (i32, i32) {
+    fn place(&self, (x, y): Position) -> (i32, i32) {
         (whole(x * self.scale), whole(y * self.scale))
     }
 }

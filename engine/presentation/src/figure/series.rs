@@ -4,7 +4,7 @@ use super::{
     axes::{Frame, Range},
     chart::{Panel, Series},
     layout::count,
-    paint::{Mark, Place},
+    paint::{Mark, Position},
     strokes::{LINE_WIDTH, dashed, disc, pieces},
 };
 
@@ -51,7 +51,7 @@ fn runs(all: &[&Series], frame: &Frame, marks: &mut Vec<Mark>) {
 }
 
 /// A light rim that parts a line from thin lines of nearly its colour.
-fn rim(places: Vec<Place>) -> Mark {
+fn rim(places: Vec<Position>) -> Mark {
     Mark::Line {
         points: places,
         width: LINE_WIDTH + 1.0,

@@ -4,7 +4,7 @@ use super::{
     axes::Frame,
     chart::{Point, Style},
     layout::count,
-    paint::{Mark, Place},
+    paint::{Mark, Position},
     style::{Marker, Rgb},
 };
 use statistics::thinning;
@@ -15,23 +15,23 @@ pub(super) const WHISKER: f64 = 0.7;
 const MARKER: f64 = 2.2;
 
 /// The positions of points, without points that have no place on the axes.
-pub(super) fn places(points: &[Point], frame: &Frame) -> Vec<Place> {
+pub(super) fn places(points: &[Point], frame: &Frame) -> Vec<Position> {
     pieces(points, frame).concat()
 }
 
 /// The positions of a line in pieces, cut at points without a place on the axes. Lines of very many points are
 /// thinned to those that can be told apart.
-pub(super) fn pieces(points: &[Point], frame: &Frame) -> Vec<Vec<Place>> {
+pub(super) fn pieces(points: &[Point], frame: &Frame) -> Vec<Vec<Position>> {
     /// Width of the columns of a thinned line, in points: less than that of any line.
     const COLUMN: f64 = 0.5;
     let holds = |point: &Point| frame.x.holds(point.x) && frame.y.holds(point.y);
-    let piece = |points: &[Point]| -> Vec<Place> {
-        let places: Vec<Place> = points.iter().map(|point| frame.at(point.x, point.y)).collect();
+    let piece = |points: &[Point]| -> Vec<Position> {
+        let places: Vec<Position> = points.iter().map(|point| frame.at(point.x, point.y)).collect();
         if places.len() <= thinning::MOST {
             return places;
         }
         #[allow(clippy::cast_possible_truncation, reason = "a place on paper")]
-        let column = |place: &Place| (place.0 / COLUMN).floor() as i64;
+        let column = |place: &Position| (place.0 / COLUMN).floor() as i64;
         let kept = thinning::kept(&places, column, |place| place.1);
         kept.into_iter().map(|index| places[index]).collect()
     };
@@ -56,14 +56,14 @@ pub(super) fn through(
 }
 
 /// A line cut into dashes, since the painters draw full lines only.
-pub(super) fn dashed(points: &[Place], dashes: &[f64], width: f64, color: Rgb) -> Vec<Mark> {
-    let line = |points: Vec<Place>| Mark::Line { points, width, color };
+pub(super) fn dashed(points: &[Position], dashes: &[f64], width: f64, color: Rgb) -> Vec<Mark> {
+    let line = |points: Vec<Position>| Mark::Line { points, width, color };
     if dashes.is_empty() {
         return vec![line(points.to_vec())];
     }
     let mut pieces = Vec::new();
     let (mut index, mut left) = (0, dashes[0]);
-    let mut piece: Vec<Place> = points.first().copied().into_iter().collect();
+    let mut piece: Vec<Position> = points.first().copied().into_iter().collect();
     for ends in points.windows(2) {
         let (dx, dy) = (ends[1].0 - ends[0].0, ends[1].1 - ends[0].1);
         let length = dx.hypot(dy);
@@ -89,7 +89,7 @@ pub(super) fn dashed(points: &[Place], dashes: &[f64], width: f64, color: Rgb) -
 }
 
 /// The ends of a level line of some length, from a place to the right.
-pub(super) fn stretch((x, y): Place, length: f64) -> [Place; 2] {
+pub(super) fn stretch((x, y): Position, length: f64) -> [Position; 2] {
     [(x, y), (x + length, y)]
 }
 
@@ -110,7 +110,7 @@ pub(super) fn whiskers(points: &[Point], frame: &Frame, width: f64, color: Rgb) 
 }
 
 /// Corners of a rectangle.
-pub(super) fn rectangle((left, top): Place, (right, bottom): Place) -> Vec<Place> {
+pub(super) fn rectangle((left, top): Position, (right, bottom): Position) -> Vec<Position> {
     vec![(left, top), (right, top), (right, bottom), (left, bottom)]
 }
 
@@ -121,8 +121,8 @@ pub(super) fn markers(points: &[Point], frame: &Frame, style: Style) -> Vec<Mark
 }
 
 /// The marker of a style, in its colour.
-pub(super) fn marker(style: Style, (x, y): Place) -> Mark {
-    let polygon = |corners: usize, radius: f64, turn: f64| -> Vec<Place> {
+pub(super) fn marker(style: Style, (x, y): Position) -> Mark {
+    let polygon = |corners: usize, radius: f64, turn: f64| -> Vec<Position> {
         let angle = |index: usize| turn + std::f64::consts::TAU * count(index) / count(corners);
         (0..corners)
             .map(|index| (x + radius * angle(index).sin(), y - radius * angle(index).cos()))
@@ -142,7 +142,7 @@ pub(super) fn marker(style: Style, (x, y): Place) -> Mark {
 }
 
 /// Corners of a disc.
-pub(super) fn disc((x, y): Place, radius: f64) -> Vec<Place> {
+pub(super) fn disc((x, y): Position, radius: f64) -> Vec<Position> {
     let angle = |index: usize| std::f64::consts::TAU * count(index) / 12.0;
     (0..12)
         .map(|index| (x + radius * angle(index).sin(), y - radius * angle(index).cos()))

@@ -5,7 +5,7 @@ use crate::{
     names::{Names, Picked},
 };
 use analysis::claim::{self, Aggregate, Claim, ClaimError, Operand, Quantity, Within};
-use contract::standard_metrics::SUCCESS;
+use contract::{standard_metrics::SUCCESS, sweep_point::as_word};
 use document::{
     Node,
     diagnostic::{Span, suggest},
@@ -269,14 +269,15 @@ impl Names<'_> {
             if let Some(message) = vocabulary.ambiguity(key) {
                 return Some((key.clone(), message, String::new()));
             }
-            let values = vocabulary.swept_values(key);
+            let agent = vocabulary.agents.iter().position(|name| *name == operand.agent);
+            let values = vocabulary.swept_values(key, agent);
             if values.is_empty() {
                 let help = suggest(key, vocabulary.swept_names());
                 return Some((key.clone(), format!("no sweep varies `{key}`"), help));
             }
             let message = || format!("the sweep gives `{key}` no value `{value}`");
             let help = || suggest(value, values.iter().map(String::as_str));
-            (!values.contains(value)).then(|| (value.clone(), message(), help()))
+            (!values.contains(&as_word(value))).then(|| (value.clone(), message(), help()))
         })
     }
 

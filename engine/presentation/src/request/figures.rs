@@ -22,11 +22,11 @@ impl Names<'_> {
         let (mut spec, kind) = self.kind::<FigureSpec, _>(keys, (&what, &place), kinds, folder)?;
         spec.kind = kind;
         spec.kind.check(self, &place.below(spec.kind.name)?);
-        self.figure_labels(&place);
+        self.figure_labels(&spec, &place);
         Some(spec)
     }
 
-    fn figure_labels(&mut self, place: &Place<'_>) {
+    fn figure_labels(&mut self, spec: &FigureSpec, place: &Place<'_>) {
         let Some(labels) = place.below("labels") else {
             return;
         };
@@ -41,6 +41,7 @@ impl Names<'_> {
                 .cloned(),
         );
         known.extend(self.vocabulary.settings.iter().map(ToString::to_string));
+        known.extend(spec.kind.further_names(self.vocabulary));
         for entry in labels
             .node
             .entries()

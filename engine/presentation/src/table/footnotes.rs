@@ -263,7 +263,7 @@ fn why(fixed: FixedReason) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::table::{Form, MissingReason, MissingSeeds, Part, Quantity};
+    use crate::table::{Form, MissingReason, MissingSeeds, PrintedColumn, Quantity};
     use contract::trial_end::EndState;
 
     #[test]
@@ -304,7 +304,7 @@ mod tests {
                 cells: vec![vec![cell]],
                 ..Grid::default()
             }
-            .text(0, Part::Value(0))
+            .text(0, PrintedColumn::Value(0))
         };
         assert_eq!(text(cell), "failed *");
         let missing = |why| vec![MissingSeeds::of(why).within("maze")];

@@ -197,7 +197,7 @@ pub struct Cell {
 
 /// One printed column: a column of the grid, or its published values or verdicts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Part {
+pub enum PrintedColumn {
     /// The reproduced value with its interval.
     Value(usize),
     /// The published value.
@@ -217,13 +217,13 @@ impl Grid {
     /// The printed columns from left to right: each column, followed by its published values and verdicts where it
     /// has any.
     #[must_use]
-    pub fn parts(&self) -> Vec<Part> {
+    pub fn parts(&self) -> Vec<PrintedColumn> {
         let has_published = |column: usize| self.cells.iter().any(|row| row[column].judgement.is_some());
         let beside = |column| {
             [
-                Part::Value(column),
-                Part::Published(column),
-                Part::Verdict(column),
+                PrintedColumn::Value(column),
+                PrintedColumn::Published(column),
+                PrintedColumn::Verdict(column),
             ]
         };
         (0..self.columns.len())
@@ -233,23 +233,23 @@ impl Grid {
 
     /// Heading of a printed column.
     #[must_use]
-    pub fn heading(&self, part: Part) -> &str {
+    pub fn heading(&self, part: PrintedColumn) -> &str {
         match part {
-            Part::Value(column) => &self.columns[column].label,
-            Part::Published(_) => "published",
-            Part::Verdict(_) => "verdict",
+            PrintedColumn::Value(column) => &self.columns[column].label,
+            PrintedColumn::Published(_) => "published",
+            PrintedColumn::Verdict(_) => "verdict",
         }
     }
 
     /// Text of one printed cell.
     #[must_use]
-    pub fn text(&self, row: usize, part: Part) -> String {
+    pub fn text(&self, row: usize, part: PrintedColumn) -> String {
         match part {
-            Part::Value(column) => self.value(&self.cells[row][column]),
-            Part::Published(column) => self.cells[row][column]
+            PrintedColumn::Value(column) => self.value(&self.cells[row][column]),
+            PrintedColumn::Published(column) => self.cells[row][column]
                 .published()
                 .map_or(String::new(), |value| self.format.published(value)),
-            Part::Verdict(column) => self.cells[row][column].verdict_in_words(),
+            PrintedColumn::Verdict(column) => self.cells[row][column].verdict_in_words(),
         }
     }
 

@@ -1,6 +1,6 @@
 //! A table in HTML: the verdict as a word, coloured by the page's style sheet.
 
-use super::{Grid, Intervals, Part, prose};
+use super::{Grid, Intervals, PrintedColumn, prose};
 use maud::{Markup, html};
 use statistics::Verdict;
 
@@ -39,7 +39,7 @@ fn cell(grid: &Grid, row: usize, column: usize) -> Markup {
     let word_of_verdict = grid.cells[row][column].verdict().map(Verdict::word);
     html! {
         td.value title={ "by seed: " (seeds.join(", ")) } {
-            (grid.text(row, Part::Value(column)))
+            (grid.text(row, PrintedColumn::Value(column)))
             @if !published.is_empty() || word_of_verdict.is_some() {
                 div.under {
                     (published) " "
@@ -53,11 +53,11 @@ fn cell(grid: &Grid, row: usize, column: usize) -> Markup {
 /// Lines under a value: the published one, and the verdict.
 #[must_use]
 pub fn published_and_verdict(grid: &Grid, row: usize, column: usize) -> [String; 2] {
-    let published = match grid.text(row, Part::Published(column)) {
+    let published = match grid.text(row, PrintedColumn::Published(column)) {
         nothing if nothing.is_empty() => nothing,
         value => format!("published {value}"),
     };
-    [published, grid.text(row, Part::Verdict(column))]
+    [published, grid.text(row, PrintedColumn::Verdict(column))]
 }
 
 /// A text with the class of the word of a verdict, which carries its colour.

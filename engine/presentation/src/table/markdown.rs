@@ -1,6 +1,6 @@
 //! A table in Markdown.
 
-use super::{Grid, Intervals, Part, prose};
+use super::{Grid, Intervals, PrintedColumn, prose};
 use document::plain_text::printable;
 
 /// The table, its caption above it and its notes below it.
@@ -43,8 +43,8 @@ pub fn row(cells: impl Iterator<Item = String>) -> String {
     format!("| {} |", cells.collect::<Vec<_>>().join(" | "))
 }
 
-fn rule(part: Part) -> &'static str {
-    if matches!(part, Part::Verdict(_)) {
+fn rule(part: PrintedColumn) -> &'static str {
+    if matches!(part, PrintedColumn::Verdict(_)) {
         "|---"
     } else {
         "|--:"

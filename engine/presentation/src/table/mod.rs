@@ -32,7 +32,7 @@ pub use comparison::{Comparison, Form, Improvement, Statistic, compare};
 pub use cross_play::{CrossPlayTable, MEAN};
 pub use footnotes::Intervals;
 pub use footnotes::{changed_rule_in_words, unplanned_look_in_words, untrained_in_words};
-pub use grid::{Cell, FixedReason, Grid, Heading, Part, Quantity, Reduction};
+pub use grid::{Cell, FixedReason, Grid, Heading, PrintedColumn, Quantity, Reduction};
 pub use html::{html, published_and_verdict, word as verdict_word};
 pub use latex::{BestScope, Direction, LatexLayout, ValueForm, WideTable, latex};
 pub use markdown::{escape as escape_markdown, markdown, row as markdown_row};

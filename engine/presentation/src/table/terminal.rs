@@ -1,6 +1,6 @@
 //! A table as aligned text for a terminal.
 
-use super::{Grid, Intervals, Part};
+use super::{Grid, Intervals, PrintedColumn};
 use unicode_width::UnicodeWidthStr;
 
 /// The table in at most `width` columns of characters; one line per cell where the whole table is wider.
@@ -19,7 +19,7 @@ fn with_notes(grid: &Grid, width: usize, notes: &[String]) -> String {
     let lines = wide(grid);
     let fits =
         |lines: &[Vec<String>]| widths(lines).iter().map(|column| column + 2).sum::<usize>() <= width + 2;
-    let left = |part: &Part| matches!(part, Part::Verdict(_));
+    let left = |part: &PrintedColumn| matches!(part, PrintedColumn::Verdict(_));
     let body = if fits(&lines) {
         let alignment: Vec<bool> = std::iter::once(true)
             .chain(grid.parts().iter().map(left))
@@ -67,9 +67,9 @@ fn long(grid: &Grid) -> Vec<Vec<String>> {
             .filter(|(_, cell)| cell.planned > 0 || cell.estimate.is_some() || cell.published().is_some());
         for (column, _) in cells {
             let texts = [
-                Part::Value(column),
-                Part::Published(column),
-                Part::Verdict(column),
+                PrintedColumn::Value(column),
+                PrintedColumn::Published(column),
+                PrintedColumn::Verdict(column),
             ]
             .map(|part| grid.text(row, part));
             let headings = [grid.rows[row].label.clone(), grid.columns[column].label.clone()];

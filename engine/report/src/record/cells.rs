@@ -15,10 +15,10 @@ use std::{
     sync::Arc,
 };
 
-/// Part of a study that a trial belongs to.
+/// Role of a trial in its study.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Part {
+pub enum TrialRole {
     /// A combination or a play, which tables, figures and claims show.
     #[default]
     Shown,
@@ -28,7 +28,7 @@ pub enum Part {
     Tried,
 }
 
-impl Part {
+impl TrialRole {
     fn of(purpose: &Purpose) -> Option<Self> {
         match purpose {
             Purpose::Cell | Purpose::Play(_) => Some(Self::Shown),
@@ -54,9 +54,9 @@ pub struct RecordedCell {
     /// Setting of the trials.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub setting: String,
-    /// Part of the study that the trials belong to.
-    #[serde(default, skip_serializing_if = "Part::is_shown")]
-    pub part: Part,
+    /// TrialRole of the study that the trials belong to.
+    #[serde(default, skip_serializing_if = "TrialRole::is_shown")]
+    pub part: TrialRole,
     /// Mean wall-clock time in seconds of the trials without a time of their own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean_wall_s: Option<f64>,
@@ -109,14 +109,14 @@ impl RecordedCell {
     #[must_use]
     pub fn all(results: &Results) -> Vec<Self> {
         let mut cells: Vec<(Self, BTreeSet<u64>)> = Vec::new();
-        let mut places: BTreeMap<(Part, Combination), usize> = BTreeMap::new();
+        let mut places: BTreeMap<(TrialRole, Combination), usize> = BTreeMap::new();
         let all = results
             .prepared
             .iter()
             .chain(&results.tried)
             .chain(&results.trials);
         for it in all {
-            let Some(part) = Part::of(&it.trial.cell.purpose) else {
+            let Some(part) = TrialRole::of(&it.trial.cell.purpose) else {
                 continue;
             };
             let place = *places
@@ -145,7 +145,7 @@ impl RecordedCell {
         cells.into_iter().map(with_planned).collect()
     }
 
-    fn new(part: Part, of: &Combination) -> Self {
+    fn new(part: TrialRole, of: &Combination) -> Self {
         Self {
             environment: of.environment.clone(),
             agent: of.agent.clone(),
@@ -194,9 +194,9 @@ struct UnmatchedTrial {
 
 /// The results of planned trials, by environment, agent, setting and seed.
 pub struct ResultIndex {
-    left: BTreeMap<(Part, Combination, u64), VecDeque<UnmatchedTrial>>,
+    left: BTreeMap<(TrialRole, Combination, u64), VecDeque<UnmatchedTrial>>,
     /// Wall-clock time in seconds of trials that the record does not list one by one, by environment and agent.
-    alike: BTreeMap<(Part, [String; 2]), Option<f64>>,
+    alike: BTreeMap<(TrialRole, [String; 2]), Option<f64>>,
     measured: BTreeMap<(Combination, u64), Vec<FinalValue>>,
 }
 
@@ -218,7 +218,7 @@ impl ResultIndex {
                 continue;
             };
             for ended in trials {
-                let is_measured = part == Part::Shown && ended.failed.is_none();
+                let is_measured = part == TrialRole::Shown && ended.failed.is_none();
                 let block = is_measured.then(|| blocks.take(&name, ended.seed)).flatten();
                 let key = (part, name.clone(), ended.seed);
                 source.left.entry(key).or_default().push_back(UnmatchedTrial {
@@ -245,7 +245,7 @@ impl ResultIndex {
 
     fn result(&mut self, trial: &Arc<Trial>, ids: &BTreeSet<&str>) -> TrialResult {
         let mut result = TrialResult::missing(Arc::clone(trial));
-        let Some(part) = Part::of(&trial.cell.purpose) else {
+        let Some(part) = TrialRole::of(&trial.cell.purpose) else {
             return result;
         };
         let name = result.combination().clone();
@@ -271,7 +271,7 @@ impl ResultIndex {
     /// names and their seed.
     fn take(
         &mut self,
-        key: (Part, Combination, u64),
+        key: (TrialRole, Combination, u64),
         id: &str,
         ids: &BTreeSet<&str>,
     ) -> Option<UnmatchedTrial> {

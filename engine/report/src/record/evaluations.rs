@@ -63,7 +63,7 @@ impl Asks {
 }
 
 /// A row: trial, phase, step, metric, mean over the episodes.
-type Summary<'a> = (&'a Trial, Phase, u64, String, f64);
+type MeanRow<'a> = (&'a Trial, Phase, u64, String, f64);
 
 /// The bytes of the file; `path` is named in errors.
 ///
@@ -71,7 +71,7 @@ type Summary<'a> = (&'a Trial, Phase, u64, String, f64);
 /// [`Error`] where the rows cannot be encoded.
 pub fn encode(path: &Path, results: &Results, asks: &Asks) -> Result<Vec<u8>, Error> {
     let squares = asks.squares();
-    let mut rows: Vec<Summary<'_>> = Vec::new();
+    let mut rows: Vec<MeanRow<'_>> = Vec::new();
     for result in results.trials.iter().filter(|result| result.is_ok()) {
         for metric in result.names.iter() {
             rows.extend(curve(result, Phase::Final, metric));
@@ -85,7 +85,7 @@ pub fn encode(path: &Path, results: &Results, asks: &Asks) -> Result<Vec<u8>, Er
             }
         }
     }
-    let text = |of: for<'r> fn(&'r Summary<'_>) -> &'r str| Values::Text(rows.iter().map(of).collect());
+    let text = |of: for<'r> fn(&'r MeanRow<'_>) -> &'r str| Values::Text(rows.iter().map(of).collect());
     let columns = vec![
         ("environment", text(|row| &row.0.cell.environment)),
         ("agent", text(|row| &row.0.cell.agent)),
@@ -102,13 +102,13 @@ pub fn encode(path: &Path, results: &Results, asks: &Asks) -> Result<Vec<u8>, Er
     parquet::encode(path, columns, &[])
 }
 
-fn curve<'a>(result: &'a TrialResult, phase: Phase, metric: &str) -> impl Iterator<Item = Summary<'a>> {
+fn curve<'a>(result: &'a TrialResult, phase: Phase, metric: &str) -> impl Iterator<Item = MeanRow<'a>> {
     let points = result.curve(phase, metric).into_iter();
     points.map(move |(step, value)| (&*result.trial, phase, step, metric.to_owned(), value))
 }
 
 /// The row of the root of the mean square in the final measurement; `None` where the trial has none.
-fn root<'a>(result: &'a TrialResult, metric: &str) -> Option<Summary<'a>> {
+fn root<'a>(result: &'a TrialResult, metric: &str) -> Option<MeanRow<'a>> {
     let value = result.root_mean_square(Phase::Final, metric)?;
     let step = result.select(Phase::Final, metric).last()?.step;
     Some((&*result.trial, Phase::Final, step, root_of_squares(metric), value))

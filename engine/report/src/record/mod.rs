@@ -12,7 +12,7 @@
 mod cells;
 mod evaluations;
 
-pub use cells::{Part, RecordedCell, RecordedTrial, ResultIndex, forget_success};
+pub use cells::{RecordedCell, RecordedTrial, ResultIndex, TrialRole, forget_success};
 pub use evaluations::{Asks, Block, Blocks, decode, encode};
 
 use crate::{FigureFacts, Manifest, Period, ProfileState, Provenance};
@@ -177,7 +177,7 @@ impl Record {
     /// Number of seeds, ended or planned, by combination and meeting.
     #[must_use]
     pub fn seeds(&self) -> BTreeMap<Combination, u32> {
-        let shown = self.cells.iter().filter(|cell| cell.part == Part::Shown);
+        let shown = self.cells.iter().filter(|cell| cell.part == TrialRole::Shown);
         shown.map(|cell| (cell.name(), cell.seeds())).collect()
     }
 

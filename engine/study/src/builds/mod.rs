@@ -13,7 +13,6 @@ use crate::{
     config::locate,
     fit,
     part::{self, Form, ResolvedPart},
-    sweep::SweptKey,
     written::{NamedPart, Target},
 };
 use contract::{
@@ -97,12 +96,8 @@ pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vo
             })
             .collect(),
         settings: cells.settings(),
-        swept: sections
-            .dimensions
-            .iter()
-            .flat_map(|dimension| &dimension.keys)
-            .map(SweptKey::in_words)
-            .collect(),
+        swept: sections.swept().map(|key| Arc::clone(&key.swept)).collect(),
+        together: cells.together(),
         ..Vocabulary::default()
     };
     let mut builder = Builder {

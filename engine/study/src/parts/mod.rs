@@ -70,15 +70,13 @@ impl<'a> PartCache<'a> {
     pub(crate) fn prepared(&mut self, index: usize, targets: [Target; 3]) -> Result<Cell, Vec<Diagnostic>> {
         let swept = self
             .sections
-            .dimensions
-            .iter()
-            .flat_map(|it| &it.keys)
+            .swept()
             .find(|key| targets.contains(&key.path.target));
         if let Some(key) = swept {
             let entry = &self.sections.written.prepared[index];
             let message = format!(
                 "`{}` is swept, so that the entry `{}` would have several settings",
-                key.text, entry.name
+                key.swept.key, entry.name
             );
             let error =
                 self.sections

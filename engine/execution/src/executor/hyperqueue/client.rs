@@ -3,7 +3,7 @@
 
 use super::request::Job;
 use crate::{
-    executor::{Error, Stop, answer::ask},
+    executor::{Error, Stop, command_output::ask},
     world::process::Command,
 };
 use serde::{Deserialize, de::DeserializeOwned};
@@ -65,7 +65,7 @@ impl Count {
 
 #[derive(Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Answer<T> {
+enum ServerReply<T> {
     Done(T),
     Busy(String),
     Refused(String),
@@ -98,9 +98,9 @@ impl Client<'_> {
         })?;
         let out = String::from_utf8_lossy(&answer.out);
         match out.lines().last().map(serde_json::from_str) {
-            Some(Ok(Answer::Done(done))) => Ok(done),
-            Some(Ok(Answer::Busy(said))) => Err(Error::Busy { program: NAME, said }),
-            Some(Ok(Answer::Refused(said))) => Err(Error::Refused { program: NAME, said }),
+            Some(Ok(ServerReply::Done(done))) => Ok(done),
+            Some(Ok(ServerReply::Busy(said))) => Err(Error::Busy { program: NAME, said }),
+            Some(Ok(ServerReply::Refused(said))) => Err(Error::Refused { program: NAME, said }),
             Some(Err(_)) | None => Err(unreadable(&out, &answer.err)),
         }
     }
@@ -146,7 +146,7 @@ mod tests {
         let text = r#"{"done": {"server": "QjNQVn", "jobs": {
             "1": {"total": 5, "finished": 1, "failed": 1, "completed": false},
             "2": {"total": 5, "finished": 0, "failed": 1, "completed": true}}}}"#;
-        let Ok(Answer::Done(counts)) = serde_json::from_str::<Answer<Counts>>(text) else {
+        let Ok(ServerReply::Done(counts)) = serde_json::from_str::<ServerReply<Counts>>(text) else {
             panic!("{text}");
         };
         let alive: Vec<usize> = counts.jobs.values().map(|count| count.alive()).collect();

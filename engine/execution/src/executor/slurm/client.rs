@@ -1,7 +1,7 @@
 //! Slurm's commands: their arguments, and the meaning of their answers.
 
 use crate::{
-    executor::{Error, Stop, Task, answer::ask},
+    executor::{Error, Stop, Task, command_output::ask},
     world::process::Command,
 };
 use std::{ffi::OsStr, path::Path, time::Duration};

@@ -9,7 +9,7 @@ use crate::{
     limits::Limits,
     scheduler::{
         process::{Worker, WorkerProcess},
-        slot::{Answer, Runner},
+        slot::{RequestOutcome, Runner},
         worker::{Reply, Request},
     },
     store::{Bundle, BundleError, Claim, Leases, Manifest, Store, read_bytes, write_durably},
@@ -206,11 +206,16 @@ impl Relay {
         told
     }
 
-    fn under_lease(&self, order: Order, runner: &mut Worker<'_>, output: &Output) -> Result<Answer, Error> {
+    fn under_lease(
+        &self,
+        order: Order,
+        runner: &mut Worker<'_>,
+        output: &Output,
+    ) -> Result<RequestOutcome, Error> {
         // The connection may have broken before the end was sent. A failure is tried again, as requested.
         let stored = self.store.sound(&order.request.trial.id).ok().flatten();
         if let Some(file) = stored.filter(|file| file.end.state == EndState::Ok) {
-            return Ok(Answer::Said(Reply::Ended { end: file.end }));
+            return Ok(RequestOutcome::Said(Reply::Ended { end: file.end }));
         }
         let request = Request {
             store: self.store.root().to_path_buf(),
@@ -223,14 +228,14 @@ impl Relay {
         runner.run(request, &Arc::<Limits>::new(order.limits), &mut progress)
     }
 
-    fn tell(&self, id: &str, answer: Result<Answer, Error>, output: &Output) -> Result<(), Error> {
-        let has_ended = matches!(&answer, Ok(Answer::Said(Reply::Ended { .. })));
+    fn tell(&self, id: &str, answer: Result<RequestOutcome, Error>, output: &Output) -> Result<(), Error> {
+        let has_ended = matches!(&answer, Ok(RequestOutcome::Said(Reply::Ended { .. })));
         let line = match answer {
-            Ok(Answer::Said(Reply::StoreRefused { problem } | Reply::DeviceLost { problem })) => {
+            Ok(RequestOutcome::Said(Reply::StoreRefused { problem } | Reply::DeviceLost { problem })) => {
                 FromHost::Refused(problem)
             }
-            Ok(Answer::Said(reply)) => FromHost::Said(reply),
-            Ok(Answer::Died {
+            Ok(RequestOutcome::Said(reply)) => FromHost::Said(reply),
+            Ok(RequestOutcome::Died {
                 state,
                 reason,
                 by_limit,
@@ -239,7 +244,7 @@ impl Relay {
                 reason,
                 by_limit,
             },
-            Ok(Answer::Lost(problem)) => FromHost::Refused(problem),
+            Ok(RequestOutcome::Lost(problem)) => FromHost::Refused(problem),
             Err(error) => FromHost::Refused(error.to_string()),
         };
         let files = if has_ended {

@@ -8,7 +8,7 @@ use crate::{
     limits::Limits,
     scheduler::{
         process::{Replies, WorkerProcess},
-        slot::{Answer, Runner},
+        slot::{RequestOutcome, Runner},
         worker::{Reply, Request},
     },
     store::{BundleError, Manifest, Store},
@@ -58,7 +58,7 @@ impl<'a> Remote<'a> {
         request: Request,
         limits: &Arc<Limits>,
         progress: &mut dyn FnMut(u64, u64),
-    ) -> Result<Answer, Failure> {
+    ) -> Result<RequestOutcome, Failure> {
         let id = request.trial.id.clone();
         let mut replies = match self.replies.take() {
             Some(replies) => replies,
@@ -76,7 +76,7 @@ impl<'a> Remote<'a> {
         self.process.begin(&line(&order)?, &Arc::default());
         let answer = self.listen(&id, &mut replies, progress)?;
         let serves = self.process.end();
-        if matches!(answer, Answer::Said(Reply::Ended { .. })) {
+        if matches!(answer, RequestOutcome::Said(Reply::Ended { .. })) {
             // The trial is stored here, whatever becomes of the connection now.
             match serves.then(|| self.clear_away(id, &mut replies)) {
                 Some(Ok(())) => self.replies = Some(replies),
@@ -156,7 +156,7 @@ impl<'a> Remote<'a> {
         id: &str,
         replies: &mut Replies,
         progress: &mut dyn FnMut(u64, u64),
-    ) -> Result<Answer, Failure> {
+    ) -> Result<RequestOutcome, Failure> {
         loop {
             match heard(replies)? {
                 Some(FromHost::Said(Reply::Progress { done, total })) => progress(done, total),
@@ -167,15 +167,15 @@ impl<'a> Remote<'a> {
                     };
                     let files = manifest.read(replies)?;
                     self.take_in(id, &files)?;
-                    return Ok(Answer::Said(Reply::Ended { end }));
+                    return Ok(RequestOutcome::Said(Reply::Ended { end }));
                 }
-                Some(FromHost::Said(reply)) => return Ok(Answer::Said(reply)),
+                Some(FromHost::Said(reply)) => return Ok(RequestOutcome::Said(reply)),
                 Some(FromHost::Died {
                     state,
                     reason,
                     by_limit,
                 }) => {
-                    return Ok(Answer::Died {
+                    return Ok(RequestOutcome::Died {
                         state,
                         reason,
                         by_limit,
@@ -210,7 +210,7 @@ impl Runner for Remote<'_> {
         request: Request,
         limits: &Arc<Limits>,
         progress: &mut dyn FnMut(u64, u64),
-    ) -> Result<Answer, Error> {
+    ) -> Result<RequestOutcome, Error> {
         match self.attempt(request, limits, progress) {
             Ok(answer) => Ok(answer),
             Err(trouble) => {
@@ -219,12 +219,14 @@ impl Runner for Remote<'_> {
                 self.process.bury();
                 match trouble {
                     Failure::Here(error) => Err(error),
-                    Failure::There(_) if fell_silent => Ok(Answer::Lost(format!(
+                    Failure::There(_) if fell_silent => Ok(RequestOutcome::Lost(format!(
                         "{}: nothing was heard from it for {} s",
                         self.host.name,
                         SILENT_FOR.as_secs()
                     ))),
-                    Failure::There(problem) => Ok(Answer::Lost(format!("{}: {problem}", self.host.name))),
+                    Failure::There(problem) => {
+                        Ok(RequestOutcome::Lost(format!("{}: {problem}", self.host.name)))
+                    }
                 }
             }
         }

@@ -8,7 +8,7 @@ use super::{
 use crate::figure::{
     chart::{Hue, Style},
     layout::{count, text},
-    paint::{Align, Mark, Place, text_width},
+    paint::{Align, Mark, Position, text_width},
     strokes::{dashed, rectangle},
     style::{INK, Rgb, blend},
 };
@@ -53,7 +53,7 @@ pub(super) fn all(graph: &Graph, flow: Flow, places: &Places, routes: &[Route]) 
 }
 
 /// A place on paper.
-fn place(flow: Flow, (along, across): (f64, f64)) -> Place {
+fn place(flow: Flow, (along, across): (f64, f64)) -> Position {
     match flow {
         Flow::Right => (along, across),
         Flow::Down => (across, along),
@@ -61,7 +61,7 @@ fn place(flow: Flow, (along, across): (f64, f64)) -> Place {
 }
 
 /// Two opposite corners on paper, the upper left one first.
-fn corners(flow: Flow, along: Span, across: Span) -> (Place, Place) {
+fn corners(flow: Flow, along: Span, across: Span) -> (Position, Position) {
     (
         place(flow, (along.low, across.low)),
         place(flow, (along.high, across.high)),
@@ -101,7 +101,7 @@ fn most_frequent(graph: &Graph) -> Vec<&str> {
     words.into_iter().map(|(word, _)| word).collect()
 }
 
-fn outlined(points: Vec<Place>, fill: Rgb, line: Rgb, width: f64) -> [Mark; 2] {
+fn outlined(points: Vec<Position>, fill: Rgb, line: Rgb, width: f64) -> [Mark; 2] {
     let closed = points.iter().chain(points.first()).copied().collect();
     [
         Mark::Fill {
@@ -153,7 +153,7 @@ fn line(route: &Route, flow: Flow) -> Vec<Mark> {
     } else {
         INK
     };
-    let mut points: Vec<Place> = route.points.iter().map(|point| place(flow, *point)).collect();
+    let mut points: Vec<Position> = route.points.iter().map(|point| place(flow, *point)).collect();
     let (Some(end), Some(before)) = (points.last().copied(), points.iter().rev().nth(1).copied()) else {
         return Vec::new();
     };
@@ -193,13 +193,13 @@ fn label(number: usize, routes: &[Route], places: &Places, flow: Flow) -> Vec<Ma
     let upright = runs_along == (flow == Flow::Down);
     let (long, short) = (text_width(&route.label, LABEL) / 2.0 + 1.5, LABEL * 0.6);
     let (dx, dy) = if upright { (short, long) } else { (long, short) };
-    let others: Vec<Place> = (0..routes.len())
+    let others: Vec<Position> = (0..routes.len())
         .filter(|other| *other != number)
         .flat_map(|other| sampled(&routes[other], flow))
         .collect();
     let is_free = |at: &Point| {
         let middle = place(flow, *at);
-        let is_under = |(x, y): &Place| (x - middle.0).abs() < dx && (y - middle.1).abs() < dy;
+        let is_under = |(x, y): &Position| (x - middle.0).abs() < dx && (y - middle.1).abs() < dy;
         !others.iter().any(is_under)
     };
     let middle = PARTS.map(|part| between(ends[0], ends[1], part));
@@ -236,7 +236,7 @@ fn between(from: Point, to: Point, part: f64) -> Point {
 }
 
 /// Places on a line, close enough together that a name between two of them touches one.
-fn sampled(route: &Route, flow: Flow) -> impl Iterator<Item = Place> + '_ {
+fn sampled(route: &Route, flow: Flow) -> impl Iterator<Item = Position> + '_ {
     const PIECES: u32 = 128;
     let part = |piece: u32| f64::from(piece) / f64::from(PIECES);
     let of_piece = move |ends: &[Point]| {
@@ -247,10 +247,10 @@ fn sampled(route: &Route, flow: Flow) -> impl Iterator<Item = Place> + '_ {
 }
 
 /// A line with rounded corners.
-fn rounded(points: &[Place]) -> Vec<Place> {
-    let mut result: Vec<Place> = points.first().copied().into_iter().collect();
+fn rounded(points: &[Position]) -> Vec<Position> {
+    let mut result: Vec<Position> = points.first().copied().into_iter().collect();
     for corner in points.windows(3) {
-        let toward = |other: Place| {
+        let toward = |other: Position| {
             let (dx, dy) = (other.0 - corner[1].0, other.1 - corner[1].1);
             let length = dx.hypot(dy);
             let by = CORNER.min(length / 2.0) / length;
@@ -263,7 +263,7 @@ fn rounded(points: &[Place]) -> Vec<Place> {
 }
 
 /// A piece of a parabola from one place to another, whose tangents meet in a corner.
-fn bend(from: Place, corner: Place, to: Place) -> impl Iterator<Item = Place> {
+fn bend(from: Position, corner: Position, to: Position) -> impl Iterator<Item = Position> {
     (0..=5).map(move |index| {
         let t = f64::from(index) / 5.0;
         let s = 1.0 - t;
@@ -272,12 +272,12 @@ fn bend(from: Place, corner: Place, to: Place) -> impl Iterator<Item = Place> {
     })
 }
 
-fn rounded_box(start: Place, end: Place, radius: f64) -> Vec<Place> {
+fn rounded_box(start: Position, end: Position, radius: f64) -> Vec<Position> {
     let radius = radius.min((end.0 - start.0) / 2.0).min((end.1 - start.1) / 2.0);
     let corners = rectangle(start, end);
     let corner = |index: usize| {
         let (before, at, after) = (corners[(index + 3) % 4], corners[index], corners[(index + 1) % 4]);
-        let toward = |other: Place| {
+        let toward = |other: Position| {
             let length = (other.0 - at.0).hypot(other.1 - at.1).max(radius);
             (
                 at.0 + (other.0 - at.0) * radius / length,
@@ -289,7 +289,7 @@ fn rounded_box(start: Place, end: Place, radius: f64) -> Vec<Place> {
     (0..4).flat_map(corner).collect()
 }
 
-fn circle((x, y): Place, radius: f64) -> Vec<Place> {
+fn circle((x, y): Position, radius: f64) -> Vec<Position> {
     let angle = |index: u32| std::f64::consts::TAU * f64::from(index) / 32.0;
     (0..32)
         .map(|index| (x + radius * angle(index).sin(), y - radius * angle(index).cos()))

@@ -1,6 +1,6 @@
 //! Points marked by a cross.
 
-use super::{Form, Frame, Mark, NumberFormat, Panel, Place, Point, Range, Style};
+use super::{Form, Frame, Mark, NumberFormat, Panel, Point, Position, Range, Style};
 use crate::figure::{
     in_words::number_of,
     strokes::places,
@@ -19,7 +19,7 @@ impl<'a> Form<'a> for Crosses<'a> {
         places(self.0, frame).into_iter().flat_map(cross).collect()
     }
 
-    fn sample(&self, _: Style, (x, y): Place) -> Vec<Mark> {
+    fn sample(&self, _: Style, (x, y): Position) -> Vec<Mark> {
         cross((x + self.sample_width() / 2.0, y))
     }
 
@@ -29,9 +29,9 @@ impl<'a> Form<'a> for Crosses<'a> {
 }
 
 /// A cross with a light rim, to be seen on any ground.
-fn cross((x, y): Place) -> Vec<Mark> {
+fn cross((x, y): Position) -> Vec<Mark> {
     let lines = |width: f64, color: Rgb, arm: f64| {
-        let line = move |points: [Place; 2]| Mark::Line {
+        let line = move |points: [Position; 2]| Mark::Line {
             points: points.to_vec(),
             width,
             color,

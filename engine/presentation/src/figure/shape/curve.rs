@@ -1,7 +1,7 @@
 //! A learning curve: the line over all runs, and each run.
 
 use super::{
-    Form, Frame, LINE_SAMPLE, Map, Mark, Panel, Place, Point, Range, Rows, Style, Value, data_file,
+    Form, Frame, LINE_SAMPLE, Map, Mark, Panel, Point, Position, Range, Rows, Style, Value, data_file,
     last_height, rectangle,
 };
 use crate::figure::{
@@ -95,8 +95,8 @@ impl<'a> Form<'a> for &'a Curve {
                 let (low, high) = point.interval?;
                 Some((frame.at(point.x, low), frame.at(point.x, high)))
             };
-            let (lows, highs): (Vec<Place>, Vec<Place>) = points.iter().filter_map(ends).unzip();
-            let points: Vec<Place> = highs.into_iter().chain(lows.into_iter().rev()).collect();
+            let (lows, highs): (Vec<Position>, Vec<Position>) = points.iter().filter_map(ends).unzip();
+            let points: Vec<Position> = highs.into_iter().chain(lows.into_iter().rev()).collect();
             (points.len() > 3).then_some(Mark::Fill {
                 points,
                 color: style.color(),
@@ -114,7 +114,7 @@ impl<'a> Form<'a> for &'a Curve {
         LINE_SAMPLE
     }
 
-    fn sample(&self, style: Style, (x, y): Place) -> Vec<Mark> {
+    fn sample(&self, style: Style, (x, y): Position) -> Vec<Mark> {
         let mut marks = Vec::new();
         if self.points.iter().any(|point| point.interval.is_some()) {
             marks.push(Mark::Fill {

@@ -1,6 +1,6 @@
 //! Boxes and arrows without axes: the design that a trial found.
 
-use super::{Chart, Drawing, Form, Graph, Ground, Mark, NumberFormat, Panel, Place, Sheet, Style};
+use super::{Chart, Drawing, Form, Graph, Ground, Mark, NumberFormat, Panel, Position, Sheet, Style};
 use crate::figure::graph_drawing;
 use contract::drawing::{Edge, Node};
 
@@ -22,7 +22,7 @@ impl<'a> Form<'a> for &'a Graph {
         graph_drawing::draw(chart, asked)
     }
 
-    fn sample(&self, _: Style, _: Place) -> Vec<Mark> {
+    fn sample(&self, _: Style, _: Position) -> Vec<Mark> {
         Vec::new()
     }
 

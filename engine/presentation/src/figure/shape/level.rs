@@ -1,7 +1,7 @@
 //! A horizontal dashed line across the panel.
 
 use super::{
-    Form, Frame, LINE_SAMPLE, Map, Mark, NumberFormat, Panel, Place, Range, Rows, Style, Value, Values,
+    Form, Frame, LINE_SAMPLE, Map, Mark, NumberFormat, Panel, Position, Range, Rows, Style, Value, Values,
 };
 use crate::figure::{
     data_file::of_value,
@@ -27,7 +27,7 @@ impl<'a> Form<'a> for Level {
         LINE_SAMPLE
     }
 
-    fn sample(&self, style: Style, at: Place) -> Vec<Mark> {
+    fn sample(&self, style: Style, at: Position) -> Vec<Mark> {
         let ends = stretch(at, LINE_SAMPLE);
         dashed(&ends, style.short_dashes(), LINE_WIDTH, style.color())
     }

@@ -1,6 +1,8 @@
 //! A line through points.
 
-use super::{Form, Frame, LINE_SAMPLE, Mark, NumberFormat, Panel, Place, Point, Range, Style, last_height};
+use super::{
+    Form, Frame, LINE_SAMPLE, Mark, NumberFormat, Panel, Point, Position, Range, Style, last_height,
+};
 use crate::figure::strokes::{dashed, stretch, through};
 
 /// The points of a line.
@@ -23,7 +25,7 @@ impl<'a> Form<'a> for Line<'a> {
         LINE_SAMPLE
     }
 
-    fn sample(&self, style: Style, at: Place) -> Vec<Mark> {
+    fn sample(&self, style: Style, at: Position) -> Vec<Mark> {
         let ends = stretch(at, LINE_SAMPLE);
         dashed(&ends, style.dashes(), style.width(), style.color())
     }

@@ -1,6 +1,6 @@
 //! A line through marked points with an error bar at each.
 
-use super::{Form, Frame, LINE_SAMPLE, Mark, Place, Point, Range, Style, last_height};
+use super::{Form, Frame, LINE_SAMPLE, Mark, Point, Position, Range, Style, last_height};
 use crate::figure::strokes::{LINE_WIDTH, WHISKER, dashed, marker, markers, stretch, through, whiskers};
 
 /// The marked points.
@@ -27,7 +27,7 @@ impl<'a> Form<'a> for MarkedLine<'a> {
         LINE_SAMPLE
     }
 
-    fn sample(&self, style: Style, (x, y): Place) -> Vec<Mark> {
+    fn sample(&self, style: Style, (x, y): Position) -> Vec<Mark> {
         let ends = stretch((x, y), LINE_SAMPLE);
         let mut marks = dashed(&ends, style.dashes(), LINE_WIDTH, style.color());
         marks.push(marker(style, (x + LINE_SAMPLE / 2.0, y)));

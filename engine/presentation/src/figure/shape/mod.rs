@@ -28,7 +28,7 @@ use super::{
     chart::{Chart, Panel, Point, Style},
     data_file::{self, Rows},
     on_dark::Ground,
-    paint::{Drawing, Mark, Place},
+    paint::{Drawing, Mark, Position},
     strokes::rectangle,
     ticks::Tick,
 };
@@ -188,7 +188,7 @@ pub(super) trait Form<'a> {
     }
 
     /// Its sample in the legend, from a place to the right.
-    fn sample(&self, style: Style, (x, y): Place) -> Vec<Mark> {
+    fn sample(&self, style: Style, (x, y): Position) -> Vec<Mark> {
         let middle = x + self.sample_width() / 2.0;
         let points = rectangle((middle - 4.0, y - 3.5), (middle + 4.0, y + 3.5));
         vec![Mark::area(points, style.color())]

@@ -1,6 +1,6 @@
 //! Points of a path, from light to dark.
 
-use super::{Form, Frame, Ground, Mark, NumberFormat, Panel, Place, Point, Range, Style};
+use super::{Form, Frame, Ground, Mark, NumberFormat, Panel, Point, Position, Range, Style};
 use crate::figure::{
     in_words::number_of,
     layout::count,
@@ -31,7 +31,7 @@ impl<'a> Form<'a> for Path<'a> {
         SAMPLE
     }
 
-    fn sample(&self, _: Style, (x, y): Place) -> Vec<Mark> {
+    fn sample(&self, _: Style, (x, y): Position) -> Vec<Mark> {
         let place = |index: i32| (x + 2.0 + (SAMPLE - 4.0) * f64::from(index) / 8.0, y);
         discs(&(0..=8).map(place).collect::<Vec<_>>())
     }
@@ -42,11 +42,11 @@ impl<'a> Form<'a> for Path<'a> {
 }
 
 /// Points from light to dark with a thin rim, the last on top.
-fn discs(points: &[Place]) -> Vec<Mark> {
+fn discs(points: &[Position]) -> Vec<Mark> {
     const LIGHT: Rgb = (0xff, 0xff, 0xff);
     const DARK: Rgb = (0xb0, 0x1c, 0x1c);
     let last = count(points.len().saturating_sub(1).max(1));
-    let of_point = |(index, place): (usize, &Place)| {
+    let of_point = |(index, place): (usize, &Position)| {
         [(2.1, INK), (1.7, blend(LIGHT, DARK, count(index) / last))]
             .map(|(radius, color)| Mark::area(disc(*place, radius), color))
     };

@@ -1,6 +1,6 @@
 //! Points without a line between them.
 
-use super::{Form, Frame, Mark, NumberFormat, Panel, Place, Point, Range, Style, last_height};
+use super::{Form, Frame, Mark, NumberFormat, Panel, Point, Position, Range, Style, last_height};
 use crate::figure::{
     in_words::number_of,
     strokes::{marker, markers},
@@ -26,7 +26,7 @@ impl<'a> Form<'a> for Points<'a> {
         markers(self.0, frame, style)
     }
 
-    fn sample(&self, style: Style, (x, y): Place) -> Vec<Mark> {
+    fn sample(&self, style: Style, (x, y): Position) -> Vec<Mark> {
         vec![marker(style, (x + self.sample_width() / 2.0, y))]
     }
 

@@ -1,6 +1,8 @@
 //! Filled contours of a surface.
 
-use super::{Form, Frame, Ground, Mark, NumberFormat, Panel, Place, Range, Rows, Style, Values, rectangle};
+use super::{
+    Form, Frame, Ground, Mark, NumberFormat, Panel, Position, Range, Rows, Style, Values, rectangle,
+};
 use crate::figure::{
     color_scale::{color, levels},
     data_file::of_value,
@@ -55,7 +57,7 @@ impl<'a> Form<'a> for &'a Surface {
         for level in levels(colors) {
             let color = color(colors, level);
             for row in 0..self.y.len() - 1 {
-                strip(self, row, level, &mut |points: &[Place]| {
+                strip(self, row, level, &mut |points: &[Position]| {
                     let points = points.iter().map(|(x, y)| frame.at(*x, *y)).collect();
                     marks.push(Mark::area(points, color));
                 });
@@ -83,7 +85,7 @@ impl<'a> Form<'a> for &'a Surface {
 
 /// The area above a level between two rows of the grid: runs of whole cells as one rectangle, other cells as parts of
 /// triangles.
-fn strip(surface: &Surface, row: usize, level: f64, emit: &mut dyn FnMut(&[Place])) {
+fn strip(surface: &Surface, row: usize, level: f64, emit: &mut dyn FnMut(&[Position])) {
     let (x, y, z) = (&surface.x, &surface.y, &surface.z);
     let corners = |column: usize| {
         [
@@ -135,7 +137,7 @@ fn strip(surface: &Surface, row: usize, level: f64, emit: &mut dyn FnMut(&[Place
 }
 
 /// The part of a triangle that lies above a level (Sutherland and Hodgman 1974).
-fn above(corners: &[(Place, f64); 3], level: f64) -> Vec<Place> {
+fn above(corners: &[(Position, f64); 3], level: f64) -> Vec<Position> {
     let mut part = Vec::new();
     for index in 0..3 {
         let ((from, low), (to, high)) = (corners[index], corners[(index + 1) % 3]);

@@ -1,6 +1,8 @@
 //! Grids of images without axes, one panel beside the other, each pixel as a square.
 
-use super::{Chart, Drawing, Form, Ground, Mark, NumberFormat, Panel, Place, Shape, Sheet, Style, rectangle};
+use super::{
+    Chart, Drawing, Form, Ground, Mark, NumberFormat, Panel, Position, Shape, Sheet, Style, rectangle,
+};
 use crate::figure::{
     axes::TEXT,
     drawn::shapes,
@@ -60,7 +62,7 @@ impl<'a> Form<'a> for &'a Tiles {
         draw(chart, asked)
     }
 
-    fn sample(&self, _: Style, _: Place) -> Vec<Mark> {
+    fn sample(&self, _: Style, _: Position) -> Vec<Mark> {
         Vec::new()
     }
 

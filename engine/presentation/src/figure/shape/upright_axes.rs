@@ -1,6 +1,6 @@
 //! Upright axes that replace those of the panel.
 
-use super::{Form, Frame, Mark, Place, Range, Style, Tick, rectangle};
+use super::{Form, Frame, Mark, Position, Range, Style, Tick, rectangle};
 use crate::figure::{
     axes::{AXIS_WIDTH, LINE, TEXT, TICK},
     layout::{count, text},
@@ -22,14 +22,14 @@ impl<'a> Form<'a> for UprightAxes<'a> {
             .collect()
     }
 
-    fn sample(&self, _: Style, _: Place) -> Vec<Mark> {
+    fn sample(&self, _: Style, _: Position) -> Vec<Mark> {
         Vec::new()
     }
 }
 
 /// An axis over a place of the horizontal one; the texts of its ticks stay readable over lines.
 fn axis(place: f64, ticks: &[Tick], frame: &Frame) -> Vec<Mark> {
-    let line = |points: [Place; 2]| Mark::Line {
+    let line = |points: [Position; 2]| Mark::Line {
         points: points.to_vec(),
         width: AXIS_WIDTH,
         color: INK,

@@ -5,6 +5,8 @@ mod build;
 mod check;
 mod measure;
 mod taken;
+#[cfg(test)]
+mod tests;
 
 pub use build::compare;
 pub(super) use build::summarise;

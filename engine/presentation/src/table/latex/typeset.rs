@@ -5,7 +5,7 @@ use super::{
     layout::{LatexLayout, ValueForm},
     width::{self, Face},
 };
-use crate::table::{Cell, Grid, Part};
+use crate::table::{Cell, Grid, PrintedColumn};
 
 /// Room between two columns, `\tabcolsep` on both sides of each.
 const GAP: f64 = 12.0;
@@ -80,14 +80,15 @@ pub(super) fn columns(grid: &Grid, layout: &LatexLayout, best: &[Vec<bool>]) -> 
     let rows = grid.rows.iter().map(|row| Text::plain(&row.label)).collect();
     let mut columns = vec![column("l", grid.corner(), rows, None)];
     for part in grid.parts() {
-        let (Part::Value(group) | Part::Published(group) | Part::Verdict(group)) = part;
+        let (PrintedColumn::Value(group) | PrintedColumn::Published(group) | PrintedColumn::Verdict(group)) =
+            part;
         let texts: Vec<Text> = (0..grid.rows.len())
             .map(|row| text(grid, layout, (row, part), best[row][group]))
             .collect();
         let heading = grid.heading(part);
         match part {
-            Part::Verdict(_) if !layout.verdicts => {}
-            Part::Verdict(_) => columns.push(column("l", heading, texts, Some(group))),
+            PrintedColumn::Verdict(_) if !layout.verdicts => {}
+            PrintedColumn::Verdict(_) => columns.push(column("l", heading, texts, Some(group))),
             _ if layout.align_decimals => columns.push(aligned(heading, &texts, group)),
             _ => columns.push(column("r", heading, texts, Some(group))),
         }
@@ -134,17 +135,17 @@ fn aligned(heading: &str, texts: &[Text], group: usize) -> Column {
     }
 }
 
-fn text(grid: &Grid, layout: &LatexLayout, (row, part): (usize, Part), is_best: bool) -> Text {
+fn text(grid: &Grid, layout: &LatexLayout, (row, part): (usize, PrintedColumn), is_best: bool) -> Text {
     let text = grid.text(row, part);
     match part {
         _ if text.is_empty() => Text::words(String::new(), 0.0),
-        Part::Verdict(_) => {
+        PrintedColumn::Verdict(_) => {
             let text = text.to_lowercase();
             let width = width::width(&text, Face::SmallCapitals);
             Text::words(format!("\\textsc{{{}}}", escape(&text)), width)
         }
-        Part::Published(_) => Text::number(&text, false, (String::new(), 0.0)),
-        Part::Value(column) => match grid.cells[row][column].estimate {
+        PrintedColumn::Published(_) => Text::number(&text, false, (String::new(), 0.0)),
+        PrintedColumn::Value(column) => match grid.cells[row][column].estimate {
             Some(estimate) => value(grid, layout, &grid.cells[row][column], estimate, is_best),
             None => Text::plain(&text),
         },

@@ -41,7 +41,7 @@ impl Stop {
 }
 
 /// Output of a command, and its exit status.
-pub(crate) struct Answer {
+pub(crate) struct CommandOutput {
     pub(crate) status: ExitStatus,
     pub(crate) out: Vec<u8>,
     pub(crate) err: Vec<u8>,
@@ -57,7 +57,7 @@ pub(super) fn ask(
     command: &mut Command,
     limit: Duration,
     stop: &Stop,
-) -> Result<Answer, Error> {
+) -> Result<CommandOutput, Error> {
     tell(program, command.stdin(Stdio::null()), limit, stop)
 }
 
@@ -70,7 +70,7 @@ pub(crate) fn tell(
     command: &mut Command,
     limit: Duration,
     stop: &Stop,
-) -> Result<Answer, Error> {
+) -> Result<CommandOutput, Error> {
     let missing = |source| Error::NoProgram { program, source };
     // In a group of its own: Ctrl-C is for this program, which says what follows, and whatever the command
     // starts can be ended with it.
@@ -88,7 +88,7 @@ pub(crate) fn tell(
         .zip(patience.until_heard(&err, stop))
         .and_then(|(out, err)| Some((out, err, patience.until_ended(&mut child, stop)?)));
     match answered {
-        Some((out, err, status)) => Ok(Answer { status, out, err }),
+        Some((out, err, status)) => Ok(CommandOutput { status, out, err }),
         None => {
             end(&mut child);
             Err(patience.error(program))
@@ -167,7 +167,7 @@ fn end(child: &mut Child) {
 mod tests {
     use super::*;
 
-    fn shell(script: &str, limit_s: u64, stop: &Stop) -> Result<Answer, Error> {
+    fn shell(script: &str, limit_s: u64, stop: &Stop) -> Result<CommandOutput, Error> {
         let mut command = Command::new("sh");
         ask(
             "sh",
