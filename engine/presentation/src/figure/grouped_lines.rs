@@ -205,3 +205,46 @@ fn position(value: &Value, categories: &[String]) -> f64 {
     let place = categories.iter().position(|name| *name == word(value));
     place.map_or_else(|| value.as_f64().unwrap_or(0.0), count)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::figure::tests::chart;
+    use analysis::results::Results;
+    use contract::Phase;
+    use testing::synthetic::trial;
+
+    #[test]
+    fn settings_without_the_key_are_levels_of_their_own() {
+        let with = |agent, setting: &str, value| {
+            let rows = vec![(Phase::Final, 1, 0, "return", value)];
+            trial("e", agent, setting, 0, &rows)
+        };
+        let results = Results::of(vec![
+            with("dsac", "dsac.rate=1 plant.load=3", 1.0),
+            with("dsac", "dsac.rate=2 plant.load=3", 2.0),
+            with("ddpg", "ddpg.rate=1 plant.load=3", 3.0),
+            with("ddpg", "ddpg.rate=2 plant.load=3", 4.0),
+            with("equal", "", 5.0),
+        ]);
+        let kind = GroupedLines {
+            metric: "return".into(),
+            x: "dsac.rate".into(),
+            ..GroupedLines::default()
+        };
+        let chart = chart(&FigureSpec::of(kind), &results);
+        let drawn = |it: &Series| match &it.shape {
+            Shape::MarkedLine(points) => (it.label.clone(), points.iter().map(|it| it.y).collect()),
+            Shape::Level(value) => (it.label.clone(), vec![*value]),
+            _ => unreachable!("it draws lines and levels"),
+        };
+        let drawn: Vec<(String, Vec<f64>)> = chart.panels[0].series.iter().map(drawn).collect();
+        let expected = [
+            ("dsac, load=3", vec![1.0, 2.0]),
+            ("ddpg, rate=1 load=3", vec![3.0]),
+            ("ddpg, rate=2 load=3", vec![4.0]),
+            ("equal", vec![5.0]),
+        ];
+        assert_eq!(drawn, expected.map(|(label, values)| (label.to_owned(), values)));
+    }
+}
