@@ -1,11 +1,11 @@
-//! Names after `--only` and stores that are not there.
+//! Unknown names after `--only`, and stores that do not exist.
 
 use crate::Planned;
 use document::diagnostic;
 use execution::world::fs;
 use std::{collections::BTreeSet, path::Path};
 
-/// The message on names after `--only` that no study has; `None` where every one is known.
+/// The message about names after `--only` that no study has; `None` if every name is known.
 pub(crate) fn unknown_names(planned: &[Planned], only: &[String]) -> Option<String> {
     let studies = || planned.iter().map(|one| &one.study);
     let of_trials = planned.iter().flat_map(|one| &one.plan.trials);
@@ -30,7 +30,7 @@ pub(crate) fn unknown_names(planned: &[Planned], only: &[String]) -> Option<Stri
     (!lines.is_empty()).then(|| lines.join("\n"))
 }
 
-/// A warning where there is no store yet, but one of nearly that name beside it.
+/// A warning if the store does not exist yet but a folder of a similar name lies beside it.
 pub(crate) fn if_new(store: &Path) -> Option<String> {
     if fs::exists(store) {
         return None;

@@ -12,12 +12,12 @@ use report::{
 };
 use std::path::{Path, PathBuf};
 
-/// Results that others are held against.
+/// Results to compare with.
 #[derive(Debug, Clone)]
 pub struct Other {
     /// A study file, a folder of results, or such a folder in a commit as `REV:FOLDER`.
     pub path: PathBuf,
-    /// The store of its trials, where it is a study; that of the machine where absent.
+    /// The store of the study's trials, if `path` is a study; the store of the machine where absent.
     pub store: Option<PathBuf>,
 }
 
@@ -25,7 +25,7 @@ impl Session<'_> {
     /// The differences of the selected study, or folder of results, from other results.
     ///
     /// # Errors
-    /// Results that cannot be read, and where the two have nothing in common.
+    /// Fails if results cannot be read, or if the two have nothing in common.
     pub fn compare(&self, other: &Other) -> Result<Compared, Failure> {
         let [path] = self.selection.specs.as_slice() else {
             return Err(Failure::refusal(format!(
@@ -56,7 +56,7 @@ impl Session<'_> {
     }
 }
 
-/// One of the two inputs, as it was asked for.
+/// One of the two inputs, as the command line names it.
 struct ComparisonInput<'a> {
     session: &'a Session<'a>,
     path: PathBuf,
@@ -64,7 +64,8 @@ struct ComparisonInput<'a> {
 }
 
 impl ComparisonInput<'_> {
-    /// Reads it. Files that a study names are named as `other` names them, where that is a folder of results.
+    /// Reads the input. If `other` is a folder of results, files that the study names get the names that `other` gives
+    /// them.
     fn side(&self, other: &Path) -> Result<Side, Failure> {
         if fs::is_folder(&self.path) {
             return self.folder(&self.path);
@@ -120,7 +121,7 @@ impl ComparisonInput<'_> {
         let results = results::judged(one, session.store()?);
         let contents = Contents::judged(&info, &results);
         let verdicts = Verdicts::of(&info, &results, &contents);
-        // Two studies name their files as seen from where they lie.
+        // Two studies name their files relative to their own folders.
         let beside = if fs::is_folder(other) {
             other
         } else {
@@ -136,7 +137,7 @@ impl ComparisonInput<'_> {
     }
 }
 
-/// Puts what is compared of a folder of results in a commit into `to`.
+/// Copies the compared files of a folder of results in a commit into `to`.
 fn check_out(revision: &str, folder: &str, to: &Path) -> Result<(), Failure> {
     let folder = folder.trim_end_matches('/');
     if revision.starts_with('-') {

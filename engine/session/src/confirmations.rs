@@ -1,4 +1,5 @@
-//! Confirmations of studies: planned and computed behind their study as studies of their own, and shown in its report.
+//! Confirmations of studies. Each is planned and computed after its study, as a study of its own, and shown in its
+//! report.
 
 use crate::{Planned, ReportOptions, Selection, folders, planned::Confirms, results};
 use contract::{Registry, trial::Combination, trial_result::TrialResult};
@@ -6,7 +7,7 @@ use report::Contents;
 use std::{collections::BTreeSet, path::PathBuf, sync::Arc};
 use study::{Study, plan::Wanted};
 
-/// The studies, each with its confirmations behind it.
+/// The studies, each followed by its confirmations.
 pub(crate) fn planned(studies: Vec<Planned>, registry: &Registry) -> Vec<Planned> {
     let with_own = |one: Planned| {
         let own: Vec<Planned> = (0..one.study.confirm.len())
@@ -17,7 +18,7 @@ pub(crate) fn planned(studies: Vec<Planned>, registry: &Registry) -> Vec<Planned
     studies.into_iter().flat_map(with_own).collect()
 }
 
-/// Each study with its confirmations, as far as they are planned.
+/// Each study with its confirmations, if they are planned.
 #[must_use]
 pub fn by_study(planned: &[Planned]) -> Vec<(&Planned, &[Planned])> {
     let mut left = planned;
@@ -42,13 +43,13 @@ pub(crate) fn joined(planned: Vec<Planned>) -> Vec<Planned> {
     all
 }
 
-/// Where the record of a confirmation lies: beside the report of its study.
+/// The folder with the record of a confirmation, beside the report of its study.
 pub(crate) fn folder(one: &Planned, selection: &Selection, reporting: &ReportOptions) -> PathBuf {
     let (study, own) = one.study.name.split_once('/').unwrap_or((&one.study.name, ""));
     folders::folder_of(&one.path, study, selection, reporting).join(own)
 }
 
-/// Takes over what searches of the studies have chosen since.
+/// Applies the settings that searches of the studies have chosen since.
 pub(crate) fn follow(planned: &mut [Planned], registry: &Registry) {
     let mut study: Option<Study> = None;
     for one in planned {
@@ -74,7 +75,7 @@ fn confirmation(one: &Planned, index: usize, registry: &Registry) -> Planned {
     planned
 }
 
-/// The combinations that the claims and tables of a plan rest on, and those that say whether anything was learned and
+/// The combinations behind the claims and tables of a plan, including those that show whether anything was learned and
 /// which difference matters.
 fn cells_behind(one: &Planned, registry: &Registry) -> BTreeSet<Combination> {
     let trials = one.plan.trials.iter().map(Arc::clone).map(TrialResult::missing);

@@ -3,21 +3,21 @@
 use crate::{Failure, Session};
 use execution::device::{self, DeviceKind, Server};
 
-/// Worker processes for each core: eight with a device, so that while it computes for one the environment of another goes
-/// on.
+/// Worker processes for each core. With a device there are eight: while the device computes for one, the environments
+/// of others continue.
 pub(crate) fn workers_of_a_core(device: &str) -> usize {
     if device == device::PROCESSOR { 1 } else { 8 }
 }
 
-/// Finds the device that a run wants: the one of this name, else that of the machine; none where learners compute in the
-/// worker processes. Nothing is opened yet.
+/// Finds the device of a run: the device of this name, or that of the machine without a name. `None` if learners
+/// compute in the worker processes. The device is not opened yet.
 pub(crate) fn choose<'a>(
     session: &Session<'a>,
     name: Option<&str>,
     is_here: bool,
 ) -> Result<Option<&'a DeviceKind>, Failure> {
     let name = match name {
-        // Workers elsewhere read `regimen.toml` themselves.
+        // Workers on other machines read `regimen.toml` themselves.
         None if !is_here => device::PROCESSOR,
         None => &session.settings.device,
         Some(name) => name,
@@ -34,7 +34,7 @@ pub(crate) fn choose<'a>(
     Ok(Some(device::find(session.registry, name)?))
 }
 
-/// Opens a device: on every card of this machine, where it has cards.
+/// Opens a device on every card of `cards`; once, without a card, if the list is empty.
 pub(crate) fn open(kind: &DeviceKind, cards: &[String]) -> Result<Vec<Server>, Failure> {
     let start = |card: Option<&str>| {
         Server::start(kind, card).map_err(|error| {

@@ -1,23 +1,23 @@
-//! How a command ends.
+//! Exits of commands.
 
 use contract::Error;
 use document::diagnostic::{self, Diagnostic};
 use std::fmt::Display;
 
-/// How a command ended, from best to worst: the worst of several is their maximum.
+/// The exit of a command, from best to worst. The exit of several commands is their maximum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Exit {
     /// Everything went well.
     Ok,
     /// The command line or a study is wrong.
     BadStudy,
-    /// This machine lacks what studies need, so that they could not be checked; nothing else is wrong.
+    /// This machine lacks something that studies need, so they could not be checked; no other problem was found.
     Unchecked,
-    /// Nothing matched what was selected.
+    /// Nothing matched the selection.
     NothingSelected,
     /// Some trials failed.
     TrialsFailed,
-    /// A published value or claim differs under `--strict`, or stored numbers differ that should not.
+    /// A published value or claim differs under `--strict`, or stored numbers differ where they should be equal.
     Differs,
     /// A table or figure of a report could not be made.
     NotMade,
@@ -26,7 +26,7 @@ pub enum Exit {
 }
 
 impl Exit {
-    /// All of them.
+    /// All exits, from best to worst.
     pub const ALL: [Self; 8] = [
         Self::Ok,
         Self::BadStudy,
@@ -57,14 +57,14 @@ impl Exit {
 /// A command that could not be carried out.
 #[derive(Debug)]
 pub struct Failure {
-    /// How the command ends.
+    /// The exit of the command.
     pub exit: Exit,
-    /// The message, with `error: ` before it where it is one.
+    /// The message; it begins with `error: ` if it is an error.
     pub text: String,
 }
 
 impl Failure {
-    /// Something that was asked for in a wrong way; `error: ` comes before the problem.
+    /// A request that cannot be fulfilled; the message is `error: ` and the problem.
     pub fn refusal(problem: impl Display) -> Self {
         Self {
             exit: Exit::BadStudy,
@@ -81,7 +81,7 @@ impl Failure {
         }
     }
 
-    /// Everything that is wrong with studies; `None` where nothing is.
+    /// All problems of studies; `None` if there is none.
     pub fn studies<'p>(refused: impl IntoIterator<Item = &'p Vec<Diagnostic>>) -> Option<Self> {
         let texts: Vec<String> = refused
             .into_iter()

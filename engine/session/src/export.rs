@@ -27,15 +27,15 @@ pub struct Exported {
     pub trials: usize,
     /// Number of those that ended `ok`.
     pub ok: usize,
-    /// How the command ends.
+    /// The exit of the command.
     pub exit: Exit,
 }
 
 impl Session<'_> {
-    /// Writes the numbers of the one study that is selected into a new folder. `license` is named by a crate alone.
+    /// Writes the numbers of the one selected study into a new folder. Only a crate names the `license`.
     ///
     /// # Errors
-    /// More than one study, a study without numbers, and a folder that is there or cannot be written.
+    /// Fails for more than one study, for a study without numbers, and for a folder that exists or cannot be written.
     pub fn export(&self, form: ExportFormat, to: &Path, license: &str) -> Result<Exported, Failure> {
         let store = self.store()?;
         let planned = self.load_with_looks()?;
@@ -76,7 +76,7 @@ impl Session<'_> {
         whole.end()?;
         let ok = results.iter().filter(|result| result.is_ok()).count();
         let states = results.iter().map(|result| Some(result.end.as_ref()?.state));
-        // A trial at its pause is as far as its study asks for.
+        // A trial at its pause has run as far as its study asks.
         let exit = exit_of(states.filter(|state| *state != Some(EndState::Paused)));
         Ok(Exported {
             study: one.study.name.clone(),
@@ -87,8 +87,8 @@ impl Session<'_> {
     }
 }
 
-/// Every trial of the plan with all it recorded, and those that have come to the pause of a search; what is
-/// damaged is said and counts as missing.
+/// Every trial of the plan with its numbers, including trials at the pause of a search. Damaged trials are reported and
+/// count as missing.
 fn load(session: &Session<'_>, one: &Planned, store: &Store) -> Vec<TrialResult> {
     let trials: Vec<_> = one.plan.trials.iter().collect();
     let is_missing =
@@ -110,7 +110,7 @@ fn load(session: &Session<'_>, one: &Planned, store: &Store) -> Vec<TrialResult>
     results
 }
 
-/// Fills a crate: study, tables, report, metrics, and what describes them.
+/// Fills a crate with the study, tables, report, metrics and their description.
 fn pack(
     session: &Session<'_>,
     subject: &Subject<'_>,
@@ -151,7 +151,7 @@ struct Packing<'a> {
 }
 
 impl Packing<'_> {
-    /// The study as it was written, with what it includes, and with every default.
+    /// Adds the study as it was written, the files that it includes, and the study with every default.
     fn study(&mut self, one: &Planned, name: &str) -> Result<(), Error> {
         let read = |path: &Path| fs::read(path).map_err(Error::file("read", path));
         self.add(name, &read(&one.path)?, "the study, as it was written", None)?;
@@ -171,7 +171,7 @@ impl Packing<'_> {
         )
     }
 
-    /// The record of every trial that ended well, and its acknowledgement.
+    /// Adds the record and the acknowledgement of every trial that ended `ok`.
     fn trials(&mut self, subject: &Subject<'_>, store: &Store) -> Result<(), Error> {
         const ACKNOWLEDGEMENT: &str =
             "what determined the numbers, how the trial ended, and a hash of its metrics";
@@ -220,7 +220,7 @@ impl Packing<'_> {
         Ok(())
     }
 
-    /// Adds the files of the study's report that are as the report wrote them.
+    /// Adds the files of the study's report that have not changed since the report wrote them.
     fn report(&mut self, session: &Session<'_>, one: &Planned) -> Result<(), Error> {
         let from = folders::folder(one, &session.selection, &ReportOptions::default());
         let Some(manifest) = Manifest::read(&from).filter(|manifest| manifest.study == one.study.name) else {
@@ -250,7 +250,7 @@ impl Packing<'_> {
     }
 }
 
-/// The date of publication: today, or what the environment says, so that a crate can be made again.
+/// The date of publication: today, or the date of the environment variable, which makes a crate reproducible.
 #[expect(
     clippy::disallowed_methods,
     reason = "a date that the crate shall carry is given by the environment; no result holds it"

@@ -1,8 +1,8 @@
 //! `export --minari TRIAL`: episodes of a stored trial as a dataset that Minari reads.
 //!
-//! A gathered dataset is copied, every file held against its acknowledged hash. A trial that gathered nothing is
-//! played: episode `k` is the one that `rollout --trial TRIAL --seed <seed + k>` writes. Minari looks for a
-//! dataset by its place below its root, which is the id that the dataset gets.
+//! A gathered dataset is copied, and every file is checked against its acknowledged hash. For a trial that gathered
+//! nothing, episodes are played: episode `k` is the one that `rollout --trial TRIAL --seed <seed + k>` writes. Minari
+//! finds a dataset by its path below its root, so that path is the id of the dataset.
 
 use crate::{Failure, one_trial, rollout, whole::Whole};
 use contract::{
@@ -18,10 +18,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Most decisions of an episode that is played; one that goes on is cut off, and says so.
+/// Maximum number of decisions of a played episode; a longer episode is truncated and marked so.
 const LONGEST_EPISODE: u64 = 100_000;
 
-/// Episodes of one trial that were taken away.
+/// Exported episodes of one trial.
 pub struct TakenEpisodes {
     /// Id of the trial.
     pub trial: String,
@@ -29,18 +29,18 @@ pub struct TakenEpisodes {
     pub episodes: usize,
     /// Number of decisions in them.
     pub decisions: usize,
-    /// The id by which Minari finds the dataset; `None` where its place is none.
+    /// The id by which Minari finds the dataset; `None` if its path is not a valid id.
     pub id: Option<String>,
-    /// The folder that must be the root of Minari for that.
+    /// The root folder of Minari under which the dataset has that id.
     pub root: Option<PathBuf>,
 }
 
-/// Takes away the episodes of the trial that `prefix` names: the dataset that it gathered, or an episode for each seed
-/// of `played`. `minari_root` is the folder below which Minari looks for datasets.
+/// Exports the episodes of the trial that `prefix` names: the dataset that it gathered, or one episode for each seed of
+/// `played`. `minari_root` is the folder below which Minari looks for datasets.
 ///
 /// # Errors
-/// Where there is no such trial, it gathered a dataset and shall play or the other way about, and a folder that is
-/// there or cannot be written.
+/// Fails if there is no such trial, if seeds are given for a trial that gathered a dataset or missing for one that did
+/// not, and if the folder exists or cannot be written.
 pub fn of_trial(
     registry: &Registry,
     store: &Store,
@@ -77,7 +77,7 @@ pub fn of_trial(
     })
 }
 
-/// Refuses to play episodes where a dataset was gathered, and to take none where none was.
+/// Refuses to play episodes if the trial gathered a dataset, and to copy a dataset if it gathered none.
 fn check_source(id: &str, is_gathered: bool, is_played: bool) -> Result<(), Failure> {
     match (is_gathered, is_played) {
         (true, true) => Err(Failure::refusal(format!(
@@ -90,10 +90,10 @@ fn check_source(id: &str, is_gathered: bool, is_played: bool) -> Result<(), Fail
     }
 }
 
-/// The id of a dataset in the folder `to`: its place below the root of Minari, and where it does not lie there
-/// the last two names; `None` where these are no id.
+/// The id of a dataset in the folder `to`: its path below the root of Minari, or the last two names of its path if it
+/// lies elsewhere. `None` if these are not a valid id.
 fn id_of(to: &Path, root: Option<&Path>) -> Option<String> {
-    // A folder that cannot be named from the root of the system has none.
+    // A path that cannot be made absolute has no id.
     let whole = |path: &Path| std::path::absolute(path).ok();
     let to = whole(to)?;
     let usual = to
@@ -116,14 +116,14 @@ fn id_of(to: &Path, root: Option<&Path>) -> Option<String> {
         .or_else(|| dataset::id_of(&name))
 }
 
-/// The folder from which the place of `to` is its id.
+/// The folder below which the path of `to` is its id.
 fn root_of(to: &Path, id: &str) -> PathBuf {
     let to = std::path::absolute(to).unwrap_or_else(|_| to.to_path_buf());
     let root = to.ancestors().nth(id.split('/').count());
     root.unwrap_or(Path::new("/")).to_owned()
 }
 
-/// Plays an episode per seed and keeps it.
+/// Plays one episode for each seed and stores it.
 fn play(
     registry: &Registry,
     store: &Store,
@@ -144,7 +144,7 @@ fn play(
     Ok(writer.finish()?)
 }
 
-/// The error of an episode, which its seed plays again.
+/// The error of an episode, with the seed that plays it again.
 fn in_episode(error: Error, seed: u64) -> Failure {
     Failure::refusal(format!("the episode of seed {seed}: {error}"))
 }

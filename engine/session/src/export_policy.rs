@@ -1,4 +1,4 @@
-//! `export --onnx TRIAL` and `export STUDY --as onnx`: policies of stored trials as files that other runtimes take.
+//! `export --onnx TRIAL` and `export STUDY --as onnx`: policies of stored trials as files for other runtimes.
 
 use crate::{Exit, Failure, Session, one_trial, whole::Whole};
 use contract::{
@@ -17,10 +17,10 @@ use std::{collections::BTreeMap, path::Path};
 /// ONNX files by name.
 type Files = BTreeMap<String, Vec<u8>>;
 
-/// Takes away the policy of the trial that `prefix` names; answers its id, and the names of the files.
+/// Exports the policy of the trial that `prefix` names; returns its id and the names of the files.
 ///
 /// # Errors
-/// Where there is no such trial or it left no policy, and a folder that is there or cannot be written.
+/// Fails if there is no such trial, if it left no policy, and if the folder exists or cannot be written.
 pub fn of_trial(
     registry: &Registry,
     store: &Store,
@@ -43,7 +43,7 @@ fn no_policy(id: &str, file: &TrialFile) -> String {
     )
 }
 
-/// The files of a trial; `None` where it left no policy.
+/// The files of a trial; `None` if it left no policy.
 fn files_of(
     registry: &Registry,
     store: &Store,
@@ -69,8 +69,8 @@ fn files_of(
     Ok(Some(files))
 }
 
-/// Takes away the policies of all trials of a study that ended well and left one, a folder each, and says in
-/// `policies.json` which is which.
+/// Exports the policies of all trials of a study that ended `ok` and left one, each to its own folder. `policies.json`
+/// maps folders to trials.
 pub(crate) fn of_study(session: &Session<'_>, subject: &Subject<'_>, folder: &Path) -> Result<(), Failure> {
     let store = session.store()?;
     let mut described: Vec<Value> = Vec::new();
@@ -80,7 +80,7 @@ pub(crate) fn of_study(session: &Session<'_>, subject: &Subject<'_>, folder: &Pa
         let file = store
             .file(id)?
             .ok_or_else(|| Failure::refusal(format!("trial {id} is gone")))?;
-        // No other runtime reads the bytes that a learner in Python saved.
+        // No other runtime reads the saved bytes of a learner in Python.
         let files = if file.files.contains_key(SAVED_FILE) {
             None
         } else {

@@ -1,4 +1,4 @@
-//! The needs of trials, held against a machine, a host or a task of a queue, before anything runs.
+//! The needs of trials, compared with a machine, a host or a task of a queue before anything runs.
 
 use crate::{Failure, Settings, programs};
 use contract::{Registry, part::Part, resources::Capacity};
@@ -7,18 +7,18 @@ use execution::{
     scheduler::hosts::Host,
 };
 
-/// Machines on which trials would run, and the keys that say what these have.
+/// Machines on which trials would run, and the keys that set their cores and cards.
 pub(crate) struct Machines {
     /// Cores and cards of each.
     pub(crate) all: Vec<Capacity>,
     /// Their name in messages: `this machine`, `a task`.
     pub(crate) name: &'static str,
-    /// Where it is said what they have.
+    /// Configuration keys that set the cores and cards, for messages.
     pub(crate) keys: String,
 }
 
 impl Machines {
-    /// This machine, with so many worker processes.
+    /// This machine, with this number of worker processes.
     pub(crate) fn here(settings: &Settings, workers: usize) -> Self {
         Self {
             all: vec![Capacity {
@@ -30,7 +30,7 @@ impl Machines {
         }
     }
 
-    /// Hosts that were reached.
+    /// Hosts that answered.
     pub(crate) fn hosts(hosts: &[Host]) -> Self {
         Self {
             all: hosts.iter().map(|host| host.capacity().clone()).collect(),
@@ -58,7 +58,7 @@ impl Machines {
         }
     }
 
-    /// The machines of the executor that the settings name; `None` for hosts, which are not reached yet.
+    /// The machines of the executor that the settings name; `None` for hosts, which have not been contacted yet.
     pub(crate) fn of(registry: &Registry, settings: &Settings) -> Result<Option<Self>, Failure> {
         if settings.executor == LOCAL {
             return Ok(Some(Self::here(settings, settings.workers)));
@@ -70,7 +70,7 @@ impl Machines {
         Ok(Some(Self::tasks(&*executor, kind.name)))
     }
 
-    /// Refuses agents whose trials fit none of these.
+    /// Refuses agents whose trials fit on none of these machines.
     pub(crate) fn refuse_unfit<'a>(
         &self,
         registry: &Registry,

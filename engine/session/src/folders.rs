@@ -1,4 +1,4 @@
-//! Folders of results: each belongs to one study file, and to one way to ask for it.
+//! Folders of results. Each belongs to one study file and to one set of command line options.
 
 use crate::{Failure, Planned, ReportOptions, Selection, Session};
 use contract::Error;
@@ -10,21 +10,21 @@ use std::{
 };
 use study::{along, way};
 
-/// The folder of studies whose own folders are those of their results, too.
+/// Name of a folder whose subfolders of studies are repeated in the folder of results.
 const EXPERIMENTS: &str = "experiments";
 
-/// Longest name of the options in a folder's name.
+/// Maximum length of the options in a folder's name.
 const LONGEST: usize = 80;
 
-/// Where the results of a study lie: `results/<study>`, `results/<study>-<profile>`, and with other options
-/// of the command line `results/<study>+<options>`, so that what was asked differently is never mistaken for
-/// the study as it is written. The folders of studies below `experiments` are those of their results. A folder that
-/// the command line names holds one study, or a folder for each of several.
+/// The folder with the results of a study: `results/<study>`, `results/<study>-<profile>`, or
+/// `results/<study>+<options>` with other options of the command line. The options keep changed results apart from
+/// those of the study as written. For a study file in a subfolder of `experiments`, the same subfolder comes before the
+/// name. A folder that the command line names holds one study, or one folder for each of several.
 pub(crate) fn folder(one: &Planned, selection: &Selection, reporting: &ReportOptions) -> PathBuf {
     folder_of(&one.path, &one.study.name, selection, reporting)
 }
 
-/// The same for the study of a name in a file.
+/// The same for the study with a given name in a file.
 pub(crate) fn folder_of(
     file: &Path,
     study: &str,
@@ -42,7 +42,7 @@ pub(crate) fn folder_of(
     }
 }
 
-/// The folders between `experiments` and a study file; empty where it lies elsewhere.
+/// The folders between `experiments` and a study file; empty if the file lies elsewhere.
 fn below_experiments(file: &Path) -> PathBuf {
     let folder = file.parent().unwrap_or(Path::new(""));
     let parts: Vec<_> = folder.components().collect();
@@ -56,13 +56,13 @@ fn below_experiments(file: &Path) -> PathBuf {
     }
 }
 
-/// The folder that the folders of several studies lie in, and their index.
+/// The folder that contains the folders of several studies and their index.
 pub(crate) fn around(reporting: &ReportOptions) -> PathBuf {
     reporting.out.clone().unwrap_or_else(|| "results".into())
 }
 
-/// The part of a folder's name that tells this selection from the studies as they are written: nothing,
-/// `-<profile>`, `+<options>`.
+/// The part of a folder's name that separates this selection from the studies as written: nothing, `-<profile>` or
+/// `+<options>`.
 pub(crate) fn asked(selection: &Selection) -> String {
     let profile = selection.profile.iter().map(|profile| format!("-{profile}"));
     profile
@@ -70,7 +70,7 @@ pub(crate) fn asked(selection: &Selection) -> String {
         .collect()
 }
 
-/// The changes of the command line besides the profile, as a part of a folder's name.
+/// The changes of the command line other than the profile, as a part of a folder's name.
 fn changes(selection: &Selection) -> Option<String> {
     let seeds = selection.seeds.iter().map(|seeds| format!("seeds={seeds}"));
     let only = selection.only.iter().map(|name| format!("only={name}"));
@@ -87,7 +87,7 @@ fn changes(selection: &Selection) -> Option<String> {
         .chars()
         .map(|letter| if keep(letter) { letter } else { '-' })
         .collect();
-    // The part that was left out of the name still tells it from others.
+    // The name shows only a part of the options; a hash of all of them keeps it distinct.
     let whole = name == all && name.len() <= LONGEST;
     let named = || {
         if whole {
@@ -102,13 +102,13 @@ fn changes(selection: &Selection) -> Option<String> {
     (!all.is_empty()).then(named)
 }
 
-/// The options that make the results differ from the study as it is written, as words of a command line.
+/// The options that change the results of the study as written, as words of a command line.
 pub(crate) fn options(selection: &Selection) -> Vec<String> {
     selection.options().chunks(2).map(|pair| pair.join(" ")).collect()
 }
 
-/// Refuses to write the results of different study files into one folder, or where nothing can be written,
-/// before anything runs.
+/// Before anything runs, refuses to write the results of different study files into one folder, and refuses folders
+/// that cannot be written.
 pub(crate) fn check(
     planned: &[Planned],
     selection: &Selection,
@@ -131,7 +131,7 @@ pub(crate) fn check(
     Ok(())
 }
 
-/// Tries to write into a folder, or into what is there of the way to it.
+/// Tries to write into a folder, or into its nearest parent that exists.
 fn probe(folder: &Path) -> Result<(), Failure> {
     let there = |folder: &&Path| fs::is_taken(folder);
     let nearest = folder.ancestors().find(there).unwrap_or(Path::new("."));
@@ -162,13 +162,13 @@ fn refusal(
     ))
 }
 
-/// The study file whose results lie in a folder, as far as the folder says it.
+/// The study file of the results in a folder, if the folder names it.
 fn owner(folder: &Path) -> Option<PathBuf> {
     Some(along(folder, Path::new(&Manifest::read(folder)?.spec)))
 }
 
-/// Notes in a folder which study file its results are of and which files a report wrote, and removes what an
-/// earlier report wrote there and this one did not; `unmade` stay, which this one could not make.
+/// Records in a folder the study file of its results and the files that a report wrote. Removes files that only an
+/// earlier report wrote, except those in `unmade`, which this report could not make.
 pub(crate) fn settle(
     session: &Session<'_>,
     folder: &Path,

@@ -1,13 +1,13 @@
-//! `run --executor ssh`: reaches the hosts before anything runs, and refuses what they could not run.
+//! `run --executor ssh`: contacts the hosts before anything runs, and refuses trials that they could not run.
 
 use crate::{Exit, Failure, Planned, compute::Compute};
 use contract::build;
 use execution::{executor::Access, scheduler::hosts::HostReachability, world::fs};
 
-/// Lets the hosts of `access` run what is computed.
+/// Lets the hosts of `access` run the trials.
 ///
 /// # Errors
-/// Trials that hosts cannot run, and hosts that cannot be reached.
+/// Fails for trials that hosts cannot run, and for hosts that cannot be reached.
 pub(crate) fn reach(how: &mut Compute<'_>, planned: &[Planned], access: &Access) -> Result<(), Failure> {
     if access.hosts.is_empty() {
         return Err(Failure::refusal(
@@ -33,7 +33,8 @@ pub(crate) fn reach(how: &mut Compute<'_>, planned: &[Planned], access: &Access)
     Ok(())
 }
 
-/// Hosts see files of the folder in which the run was started, under the same paths, and no pauses.
+/// Refuses studies that hosts cannot run. Hosts see the files of the folder in which the run was started, under the
+/// same paths, and do not support pauses.
 fn refuse(one: &Planned) -> Result<(), Failure> {
     let wrong = |text: String| Failure::refusal(format!("{}: {text}", one.study.name));
     let mut searches = one.study.searches.iter();

@@ -1,4 +1,4 @@
-//! Runs of other programs: looks into their files and makes the entry that a study names them with.
+//! Imports runs of other programs: reads their files and makes the entry for a study.
 
 use crate::{Failure, whole::Whole};
 use contract::Error;
@@ -14,20 +14,20 @@ use std::{
 };
 use study::name_from;
 
-/// Name of the file that says where copies came from.
+/// Name of the file that records the origin of copies.
 const MANIFEST: &str = "manifest.json";
 
-/// Files of another program, and the study that shall name them.
+/// Files of another program, and the study for which the entry is made.
 pub struct Import<'a> {
-    /// The study; the entry names files as seen from its folder.
+    /// The study; the entry names files relative to its folder.
     pub study: &'a Path,
     /// Name of the entry.
     pub name: &'a str,
     /// The files.
     pub files: &'a [PathBuf],
-    /// How they are read: the entry without its files.
+    /// The way to read them: the entry without its files.
     pub reading: ImportedText,
-    /// Whether the files are copied to `imported/NAME` beside the study, with a manifest of where they came from.
+    /// Whether the files are copied to `imported/NAME` beside the study, with a manifest of their origins.
     pub copies: bool,
 }
 
@@ -35,7 +35,7 @@ impl Import<'_> {
     /// The columns and tags that the files hold.
     ///
     /// # Errors
-    /// Where there is no such study, or a file cannot be read.
+    /// Fails if there is no such study, or if a file cannot be read.
     pub fn columns(&self) -> Result<Columns, Failure> {
         self.has_study()?;
         columns(self.files).map_err(Failure::refusal)
@@ -51,17 +51,17 @@ impl Import<'_> {
         )))
     }
 
-    /// Reads the files; answers the entry, and the runs that it names.
+    /// Reads the files; returns the entry and its runs.
     ///
     /// # Errors
-    /// Where there is no such study, the files are not as the entry says, or a copy cannot be written.
+    /// Fails if there is no such study, if the files do not match the entry, or if a copy cannot be written.
     pub fn read(&self) -> Result<(ImportedText, RunCollection), Failure> {
         self.has_study()?;
         let mut files = self.files.to_vec();
         files.sort();
         let mapping = self.reading.mapping();
         let found = read(&files, &mapping).map_err(Failure::refusal)?;
-        // Numbers of seeds are checked as the study checks them.
+        // The study's own rules check the numbers of seeds.
         found
             .trials(self.name, "", 0, &mapping)
             .map_err(Failure::refusal)?;
@@ -116,7 +116,7 @@ impl Import<'_> {
     }
 }
 
-/// The folder in which all files lie, at some depth.
+/// The deepest folder that contains all files.
 fn shared_folder<'a>(files: impl Iterator<Item = &'a Path>) -> PathBuf {
     let folders = files.map(|file| file.parent().unwrap_or(Path::new("")).to_owned());
     let shared = |one: PathBuf, other: PathBuf| {
@@ -129,7 +129,8 @@ fn shared_folder<'a>(files: impl Iterator<Item = &'a Path>) -> PathBuf {
     folders.reduce(shared).unwrap_or_default()
 }
 
-/// Files keep the folders in which they differ, which may be all that tells runs apart; event files keep one at least.
+/// Copies keep the folders in which their paths differ, which may be all that distinguishes runs; event files keep at
+/// least one.
 fn kept_name(path: &Path, shared: &Path) -> PathBuf {
     let below = path.strip_prefix(shared).unwrap_or(path);
     let below: PathBuf = below

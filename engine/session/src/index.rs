@@ -1,4 +1,4 @@
-//! The page over several studies, and what their reports left to be gathered.
+//! The index page over several studies, made from files that their reports wrote.
 
 use crate::{Failure, Planned, ReportOptions, Session, folders};
 use contract::Error;
@@ -10,15 +10,15 @@ use std::{
 };
 use study::along;
 
-/// The file of a folder of results in which its verdicts stand.
+/// Name of the file with the verdicts in a folder of results.
 const VERDICTS: &str = "verdicts.json";
 
-/// So deep lie folders of results below the one that is named.
+/// Maximum depth of folders of results below the named folder.
 const DEEPEST: usize = 3;
 
 impl Session<'_> {
-    /// Writes the page over all studies whose reports lie beside those of several that were asked for, and answers its
-    /// path; nothing for one study.
+    /// Writes the index page over all studies whose reports lie in the same folder with the same options. Returns its
+    /// path; `None` if fewer than two studies are planned.
     ///
     /// # Errors
     /// A folder that cannot be read or written.
@@ -30,7 +30,7 @@ impl Session<'_> {
         if planned.iter().filter(|one| !one.is_confirmation()).count() < 2 {
             return Ok(None);
         }
-        // In a folder of its own nothing lies beside what was asked for.
+        // The folder that `-o` names holds no other reports, so the name of its index needs no options.
         let name = reporting
             .out
             .as_ref()
@@ -62,7 +62,7 @@ impl Studied {
     }
 }
 
-/// The studies as they are written whose results lie in a folder.
+/// The studies whose results lie in a folder, without results of other command line options.
 ///
 /// # Errors
 /// A folder that cannot be read.
@@ -70,8 +70,8 @@ pub fn studies_within(folder: &Path) -> Result<Vec<Studied>, Error> {
     Ok(asked_with(folder, &[])?.0)
 }
 
-/// The studies whose results lie in a folder and were asked for with these options, with the verdicts of each family
-/// taken together; and the folders whose reports left nothing to read.
+/// The studies whose results lie in a folder and were computed with these options, with the verdicts of each family
+/// taken together. The second list holds the folders without verdicts.
 fn asked_with(folder: &Path, options: &[String]) -> Result<(Vec<Studied>, Vec<PathBuf>), Error> {
     let (mut studies, mut unread) = (Vec::new(), Vec::new());
     for place in places(folder, DEEPEST)? {
@@ -96,7 +96,7 @@ fn asked_with(folder: &Path, options: &[String]) -> Result<(Vec<Studied>, Vec<Pa
     Ok((studies, unread))
 }
 
-/// The verdicts of a folder of results; `None` where its report wrote none.
+/// The verdicts of a folder of results; `None` if its report wrote none.
 fn verdicts(place: &Path) -> Result<Option<Verdicts>, Error> {
     let Some(text) = read(place, VERDICTS)? else {
         return Ok(None);
@@ -134,7 +134,7 @@ fn within(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(entries)
 }
 
-/// A file of a folder of results; `None` where the report wrote none, and of what is no folder.
+/// A file of a folder of results; `None` if the file does not exist or `place` is not a folder.
 fn read(folder: &Path, name: &str) -> Result<Option<String>, Error> {
     let path = folder.join(name);
     match fs::read_to_string(&path) {
@@ -144,7 +144,7 @@ fn read(folder: &Path, name: &str) -> Result<Option<String>, Error> {
     }
 }
 
-/// Writes `index<name>.html` over the reports in a folder that were asked for with these options.
+/// Writes `index<name>.html` over the reports in a folder that were computed with these options.
 ///
 /// # Errors
 /// A folder that cannot be read or written.

@@ -1,7 +1,7 @@
 //! The use cases of studies as a library: load, check, plan, run, collect and report.
 //!
-//! The commands of the program are a few lines around a [`Session`] each. A program of others opens one in the same
-//! way:
+//! Each command of the program is a few lines around a [`Session`]. A program that uses this library opens a session in
+//! the same way:
 //!
 //! ```text
 //! let session = Session::open(&registry, Selection::of("study.yaml"), MachineOptions::default(), &Silent)?;
@@ -91,7 +91,7 @@ pub struct Session<'a> {
     pub selection: Selection,
     /// The settings of the machine.
     pub settings: Settings,
-    /// The same as far as it was said beside `regimen.toml`, for the commands that are shown.
+    /// The machine options of the command line, repeated in suggested commands.
     machine: MachineOptions,
     observer: &'a dyn Observer,
     store: OnceCell<Store>,
@@ -130,19 +130,19 @@ impl<'a> Session<'a> {
         Ok(self.store.get_or_init(|| store))
     }
 
-    /// The command `verb` for the same studies, with more words at its end, to be typed as it stands.
+    /// The command `verb` for the same studies, with `more` words at its end, ready to be pasted.
     #[must_use]
     pub fn command(&self, verb: &str, more: &[&str]) -> String {
         selection::command(&self.selection, &self.machine, verb, more)
     }
 
-    /// The command that runs again what failed.
+    /// The command that runs failed trials again.
     #[must_use]
     pub fn again(&self) -> String {
         self.command("run", &["--retry-failed"])
     }
 
-    /// Tells the observer.
+    /// Sends a notice to the observer.
     pub(crate) fn notice(&self, text: &str) {
         self.observer.notice(text);
     }

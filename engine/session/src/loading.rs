@@ -1,4 +1,4 @@
-//! Studies read, checked and planned.
+//! Reads, checks and plans studies.
 
 use crate::{
     Exit, Failure, Planned, Selection, Session, absent, confirmations, fitting::Machines, looks, searches,
@@ -18,25 +18,24 @@ use std::{
 };
 use study::{Study, plan::Wanted};
 
-/// A study that cannot be planned: its file, and everything that is wrong.
+/// A study that cannot be planned: its file, and all its problems.
 pub type Refused = (PathBuf, Vec<Diagnostic>);
 
-/// A study that holds, with the number of its trials that are selected.
+/// A valid study, with the number of its selected trials.
 pub type Checked = (usize, Study);
 
 /// Studies that were checked.
 pub struct Check {
-    /// Those that hold.
+    /// The valid studies.
     pub good: Vec<Checked>,
-    /// Those that do not.
+    /// The invalid studies.
     pub refused: Vec<Refused>,
-    /// Why nothing is selected of studies that all hold, where names are given.
+    /// The reason why nothing is selected although all studies are valid, if names are given.
     pub unselected: Option<Failure>,
 }
 
 impl Session<'_> {
-    /// Plans all selected studies, each with its confirmations behind it; every problem of every file is in the
-    /// failure.
+    /// Plans all selected studies, each followed by its confirmations. The failure holds every problem of every file.
     ///
     /// # Errors
     /// Studies that are wrong, and a selection without trials.
@@ -53,10 +52,10 @@ impl Session<'_> {
         Ok(confirmations::planned(planned, self.registry))
     }
 
-    /// As [`load`](Self::load), with the settings and looks that the stored results ask for.
+    /// Like [`load`](Self::load), with the settings and looks that follow from the stored results.
     ///
     /// # Errors
-    /// As [`load`](Self::load), and a store that cannot be read.
+    /// The errors of [`load`](Self::load), and a store that cannot be read.
     pub fn load_with_looks(&self) -> Result<Vec<Planned>, Failure> {
         let store = self.store()?;
         let mut planned = self.load_with(Some(&Announcements::of(store.root())))?;
@@ -70,7 +69,7 @@ impl Session<'_> {
         Ok(planned)
     }
 
-    /// Takes a study as far as the stored results ask for, and those that other machines share.
+    /// Extends a study as far as the stored results ask, including results that other machines share.
     fn grow_one(&self, one: &mut Planned, store: &Store) -> Result<(), Failure> {
         let mut said = BTreeSet::new();
         loop {
@@ -85,14 +84,14 @@ impl Session<'_> {
             }
             searches::grow(one, self.registry, store)?;
             looks::grow(one, self.registry, store);
-            // Without anything new there is nothing that could ask for more.
+            // Without new trials or results there is nothing more to add.
             if fetched.taken == 0 && one.plan.trials.len() == planned || store.bucket().is_none() {
                 return Ok(());
             }
         }
     }
 
-    /// Takes every study with searches or planned looks as far as its results ask for; true where trials were added.
+    /// Extends every study with searches or planned looks as far as its results ask; true if trials were added.
     ///
     /// # Errors
     /// A setting that a search proposes and a plugin refuses, and a store that cannot be read.
@@ -133,7 +132,7 @@ impl Session<'_> {
         (planned, refused)
     }
 
-    /// Fails where no trial is selected, or what no study has.
+    /// Fails if no trial is selected, or if a selected name is in no study.
     fn selects_something(&self, planned: &[Planned]) -> Result<(), Failure> {
         if let Some(text) = absent::unknown_names(planned, &self.selection.only) {
             return Err(Failure {
@@ -141,7 +140,7 @@ impl Session<'_> {
                 text,
             });
         }
-        // A search has no trials before it is asked for its first settings.
+        // A search has no trials before its first settings are chosen.
         if planned
             .iter()
             .all(|one| one.plan.trials.is_empty() && one.study.searches.is_empty())
@@ -151,11 +150,11 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// The studies that hold, and the others. Of whole studies the trials are only counted; what is selected of them
-    /// has to be planned.
+    /// The valid studies, and the others. The trials of whole studies are only counted; a selection of trials has to be
+    /// planned.
     #[must_use]
     pub fn check(&self) -> Check {
-        // The environments of Python are asked anew.
+        // The Python environments are started again instead of being taken from their records.
         let announced = Announcements::of(&self.settings.store).doubted();
         if !self.selection.only.is_empty() {
             let (planned, refused) = self.read(Some(&announced));
@@ -182,10 +181,10 @@ impl Session<'_> {
         }
     }
 
-    /// Refuses studies whose trials fit none of the machines that the settings name.
+    /// Refuses studies whose trials fit on none of the machines that the settings name.
     ///
     /// # Errors
-    /// The first agent whose trials fit none.
+    /// The first agent whose trials fit on no machine.
     pub fn check_fit(&self, studies: &[Checked]) -> Result<(), Failure> {
         let Some(machines) = Machines::of(self.registry, &self.settings)? else {
             return Ok(());
@@ -196,19 +195,19 @@ impl Session<'_> {
         })
     }
 
-    /// Says what can be run and is probably not meant.
+    /// Warns about studies that can run but are probably a mistake.
     pub fn warn<'s>(&self, studies: impl IntoIterator<Item = &'s Study>) {
         for study in studies.into_iter().filter(|study| !study.warnings.is_empty()) {
             self.notice(&diagnostic::render_first(&study.warnings));
         }
     }
 
-    /// The end of every trial; `None` where it has not run or must run again. Damaged ones are reported.
+    /// The end of every trial; `None` if it has not run or must run again. Damaged trials are reported.
     pub fn ends(&self, store: &Store, one: &Planned) -> Vec<Option<TrialEnd>> {
         self.ends_and_damage(store, one).0
     }
 
-    /// The same, and whether something is damaged.
+    /// The same, and whether a trial is damaged.
     pub(crate) fn ends_and_damage(&self, store: &Store, one: &Planned) -> (Vec<Option<TrialEnd>>, bool) {
         let found = store.outcomes(&one.plan.trials);
         for (_, error) in &found.unreadable {
@@ -217,7 +216,7 @@ impl Session<'_> {
         (found.all, !found.unreadable.is_empty())
     }
 
-    /// Says what becomes of a study's imported runs, where it has some.
+    /// Says how a study's imported runs are used, if it has any.
     pub fn say_imported(&self, one: &Planned, what: &str) {
         for it in &one.study.imported {
             self.notice(&format!(
@@ -252,7 +251,7 @@ pub(crate) fn load_one(
     Ok(planned)
 }
 
-/// The options with which the studies of a selection are read.
+/// The options for reading the studies of a selection.
 pub(crate) fn options(selection: &Selection, announced: Option<&Announcements>) -> study::Options {
     study::Options {
         profile: selection.profile.clone(),
@@ -272,8 +271,8 @@ fn keep_announced(one: &Planned) {
     }
 }
 
-/// Tries out the environments that a study knows by their records alone, before its trials run, and keeps what
-/// all of them announced.
+/// Starts the environments of a study that are known only from their records, before its trials run, and stores the
+/// interfaces of all of them.
 pub(crate) fn try_out(registry: &Registry, one: &Planned) -> Result<(), Failure> {
     if !one.study.is_recalled {
         keep_announced(one);

@@ -1,7 +1,7 @@
-//! Planned looks: combinations get seeds until what is judged is decided.
+//! Planned looks: combinations get more seeds until every verdict is decided.
 //!
-//! The seeds of a combination are a function of the stored results alone, so that running, resuming, reporting
-//! and running elsewhere come to the same trials.
+//! The seeds of a combination are a function of the stored results alone. Running, resuming, reporting and running on
+//! another machine therefore lead to the same trials.
 
 use crate::{Planned, results};
 use contract::{
@@ -17,11 +17,10 @@ use std::{
 };
 use study::plan::Wanted;
 
-/// Gives combinations the seeds that the stored results ask for, look by look. True where one has more than
-/// before.
+/// Adds the seeds that the stored results ask for, look by look. True if a combination gets more seeds than before.
 ///
-/// It begins at the first look whatever the plan was before: a failed trial that was tried again may change
-/// what an earlier look decides.
+/// It starts at the first look whatever the plan was before, because a failed trial that was run again may change the
+/// decision of an earlier look.
 pub(crate) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> bool {
     let Some(design) = one.study.design.clone() else {
         return false;
@@ -46,7 +45,7 @@ pub(crate) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> boo
     }
 }
 
-/// How many seeds combinations need for the next look at what is open; at least as many as they have.
+/// The number of seeds that combinations need for the next look at open verdicts; at least as many as they have.
 fn wanted(one: &Planned, looks: &[u32], open: &[Open<'_>]) -> Wanted {
     let mut wanted = one.wanted.clone();
     for it in open {
@@ -68,7 +67,7 @@ fn raise(wanted: &mut Wanted, cell: &Combination, seeds: u32) {
     *now = seeds.max(*now);
 }
 
-/// A trial needs its sources: their combinations come to the same look.
+/// Raises the sources of trials to the same look, because a trial needs its sources.
 fn raise_sources(one: &Planned, wanted: &mut Wanted) {
     let by_id: BTreeMap<&str, &Arc<trial::Trial>> = one
         .plan
@@ -90,7 +89,7 @@ fn raise_sources(one: &Planned, wanted: &mut Wanted) {
             };
             if seen.insert((*id, seeds)) {
                 open.push((*source, seeds));
-                // A prepared trial has no seeds of its own: it runs for those that take from it.
+                // A prepared trial has no seeds of its own: it runs for the trials that take from it.
                 if source.cell.purpose != trial::Purpose::Prepared {
                     raise(wanted, &source.cell.combination, seeds);
                 }
@@ -99,7 +98,7 @@ fn raise_sources(one: &Planned, wanted: &mut Wanted) {
     }
 }
 
-/// The planned looks of a study and how far it is, as a line; `None` where its number of seeds is fixed.
+/// The planned looks of a study and its progress through them, as a line; `None` if its number of seeds is fixed.
 #[must_use]
 pub fn line(one: &Planned) -> Option<String> {
     let looks = one

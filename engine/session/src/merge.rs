@@ -1,4 +1,4 @@
-//! The trials of several stores in one.
+//! Merges the trials of several stores into one.
 
 use crate::{Exit, Failure, Observer, Settings, seen::unite};
 use execution::{
@@ -7,21 +7,21 @@ use execution::{
 };
 use std::path::{Path, PathBuf};
 
-/// The fate of the trials of one store that is taken into another.
+/// The outcome of merging one store into another.
 pub struct MergedStore {
-    /// The store that was taken.
+    /// The source store.
     pub from: PathBuf,
     /// Its trials.
     pub trials: Vec<Merged>,
-    /// Whether every record of verdicts that were seen could be read.
+    /// Whether every record of verdicts could be read.
     pub has_records: bool,
 }
 
-/// Takes the trials of `sources` into the store `into`, which is made where it does not exist; `dry_run` writes
-/// nothing. `hear` is told of every trial as it is looked at.
+/// Copies the trials of `sources` into the store `into`, which is created if it does not exist. With `dry_run` nothing
+/// is written. `hear` is called for every trial.
 ///
 /// # Errors
-/// A source that is not there, or is the destination; a destination that cannot be written.
+/// Fails for a source that does not exist or is the destination, and for a destination that cannot be written.
 pub fn merge(
     sources: &[PathBuf],
     into: &Path,
@@ -53,8 +53,8 @@ pub fn merge(
     Ok(stores)
 }
 
-/// 101 where two stores hold other bytes of one trial, 106 where a trial was left because it is damaged or
-/// runs, or a record of verdicts because it is damaged, otherwise 0.
+/// Exit code 101 if two stores hold different bytes of one trial. 106 if a trial was not copied because it is damaged
+/// or running, or a record of verdicts because it is damaged. Otherwise 0.
 #[must_use]
 pub fn exit_of_merge(stores: &[MergedStore]) -> Exit {
     let fates = || stores.iter().flat_map(|store| &store.trials).map(|it| &it.fate);
@@ -69,7 +69,7 @@ pub fn exit_of_merge(stores: &[MergedStore]) -> Exit {
     }
 }
 
-/// Refuses a source that is not there, and one that is the destination.
+/// Refuses a source that does not exist, and a source that is the destination.
 fn check(from: &Path, into: &Path) -> Result<(), Failure> {
     if let Some(problem) = store::no_store(from)? {
         return Err(Failure::refusal(problem));

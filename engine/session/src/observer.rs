@@ -1,34 +1,34 @@
-//! Who is told what a session does.
+//! Observers, which receive the events of a session.
 
 use crate::Failure;
 use execution::scheduler::{Event, Task};
 use std::sync::{Arc, atomic::AtomicBool};
 
-/// Hears of a session, and may stop its runs.
+/// Receives messages of a session, and may stop its runs.
 pub trait Observer {
-    /// Hears a warning, or a sentence on what runs.
+    /// Receives a warning, or a message about a run.
     fn notice(&self, text: &str);
 
-    /// Follows a run of these trials on so many worker processes.
+    /// Follows a run of these trials on `workers` worker processes.
     fn follow<'t>(&self, tasks: &'t [Task<'t>], workers: usize) -> Box<dyn Follower + 't>;
 
-    /// The flag that stops a run when it is raised: running trials save a checkpoint.
+    /// The flag that stops a run when it is set: running trials save a checkpoint and end.
     ///
     /// # Errors
-    /// Where nothing could raise it.
+    /// Fails if nothing can set the flag.
     fn stop(&self) -> Result<Arc<AtomicBool>, Failure>;
 }
 
-/// Follows one run; dropped at its end.
+/// Follows one run, and is dropped at its end.
 pub trait Follower {
-    /// Hears what happens to a trial.
+    /// Receives an event of a trial.
     fn hear(&mut self, event: &Event);
 
-    /// Hears a sentence on the run.
+    /// Receives a message about the run.
     fn line(&mut self, text: &str);
 }
 
-/// Hears nothing and stops nothing.
+/// Ignores all messages and stops nothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 

@@ -1,4 +1,4 @@
-//! One trial of a store, named by the first digits of its id.
+//! One trial of a store, found by the first digits of its id.
 
 use crate::Failure;
 use contract::{
@@ -10,10 +10,10 @@ use contract::{
 use document::diagnostic;
 use execution::store::{Store, TrialFile};
 
-/// The only trial of the store whose id begins with `prefix`, and what acknowledges it; it ended `ok`.
+/// The only trial of the store whose id begins with `prefix`, and the file that acknowledges it. It ended `ok`.
 ///
 /// # Errors
-/// Where there is none, or more than one.
+/// Fails if there is none, or more than one.
 pub fn that_ended_well(store: &Store, prefix: &str) -> Result<(String, TrialFile), Failure> {
     let id = only(store, prefix)?;
     let file = store
@@ -44,7 +44,7 @@ fn only(store: &Store, prefix: &str) -> Result<String, Failure> {
     }
 }
 
-/// A trial of no study, under the names of its plugins.
+/// A trial that belongs to no study, with the names of its plugins.
 #[must_use]
 pub fn named(id: &str, key: TrialKey) -> Trial {
     Trial {

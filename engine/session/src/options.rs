@@ -3,10 +3,10 @@
 use execution::limits::Limits;
 use std::path::PathBuf;
 
-/// How missing trials are computed.
+/// Options for computing missing trials.
 #[derive(Debug, Clone, Default)]
 pub struct RunOptions {
-    /// Worker processes, or tasks of a queue at a time; as the machine says where absent.
+    /// Number of worker processes, or of concurrent tasks of a queue; the machine's setting where absent.
     pub jobs: Option<usize>,
     /// Name of the executor; that of the machine where absent.
     pub executor: Option<String>,
@@ -24,10 +24,10 @@ pub struct RunOptions {
     pub fail_fast: bool,
 }
 
-/// The share of a worker.
+/// Options of a worker, including its share of the trials.
 #[derive(Debug, Clone)]
 pub struct WorkerOptions {
-    /// Every so many-th trial alone, beginning with one: `(part, parts)`.
+    /// `(part, parts)`: computes every `parts`-th trial, starting with number `part`.
     pub part: (usize, usize),
     /// Worker processes.
     pub jobs: usize,
@@ -37,11 +37,11 @@ pub struct WorkerOptions {
     pub fail_fast: bool,
 }
 
-/// Where reports go, and what of them counts.
+/// Destination of reports, and the results that count as failures.
 #[derive(Debug, Clone, Default)]
 pub struct ReportOptions {
-    /// Folder of the report, or of those of several studies, each in a folder of its name; `results/<study>` where
-    /// absent.
+    /// Folder of the report; with several studies, the folder that contains one folder for each. `results/<study>`
+    /// where absent.
     pub out: Option<PathBuf>,
     /// Whether a published value or a claim that differs is a failure.
     pub strict: bool,

@@ -1,18 +1,18 @@
-//! Short trials of a store in one file, at the end of a run.
+//! Packs short trials of a store into one file at the end of a run.
 
 use crate::{Failure, Planned, Session};
 use document::count::{count, either};
 use std::sync::atomic::Ordering;
 
-/// A run packs its trials where so many of them have a folder and left nothing but metrics.
+/// Minimum number of trials for packing; only trials in a folder that left nothing but metrics count.
 const MANY: usize = 1000;
 
 impl Session<'_> {
-    /// Packs the trials of finished studies, where they are many. A store that cannot be packed is a warning: nothing
-    /// is lost by it.
+    /// Packs the trials of finished studies if there are many. If a store cannot be packed, it is only a warning, since
+    /// no data is lost.
     ///
     /// # Errors
-    /// Where nothing could stop it.
+    /// Fails if nothing can stop it.
     pub fn pack(&self, planned: &[Planned]) -> Result<(), Failure> {
         let (store, stop) = (self.store()?, self.observer.stop()?);
         let trials = planned.iter().flat_map(|one| &one.plan.trials);

@@ -26,20 +26,20 @@ pub struct Planned {
     pub plan: Plan,
     /// Steps of every trial, for progress and estimates.
     pub costs: Vec<u64>,
-    /// The combinations that have come to a later look.
+    /// The combinations that have reached a later look, with their numbers of seeds.
     pub(crate) wanted: Wanted,
-    /// How many judged values and claims are open; `None` where that was not looked at.
+    /// Number of open verdicts of claims and published values; `None` if they were not evaluated.
     pub(crate) open: Option<usize>,
     /// Steps at which searches pause trials, by id.
     pub(crate) pauses: BTreeMap<String, u64>,
-    /// Trials of searches that have come to their pause; none of them is missing.
+    /// Trials of searches that have reached their pause; none of them is missing.
     pub paused: Vec<Arc<Trial>>,
     set_aside: BTreeSet<String>,
-    /// The confirmation that it is; `None` for a study that stands for itself.
+    /// The confirmation that it is; `None` for an ordinary study.
     pub(crate) confirms: Option<Confirms>,
     /// The results of the searches.
     pub searched: Vec<SearchResult>,
-    /// The options that it was read with.
+    /// The options with which it was read.
     pub(crate) options: study::Options,
     /// Names of environments and agents whose trials are selected; all where empty.
     pub(crate) only: Vec<String>,
@@ -75,7 +75,7 @@ impl Planned {
         }
     }
 
-    /// Plans the study anew, with other numbers of seeds.
+    /// Plans the study again, with other numbers of seeds.
     pub(crate) fn replan(&mut self, registry: &Registry, wanted: Wanted) {
         self.plan = self.study.plan_with(&wanted);
         self.wanted = wanted;
@@ -92,7 +92,7 @@ impl Planned {
         self.costs = costs(registry, &self.plan);
     }
 
-    /// Takes trials that have come to their pause out of the plan.
+    /// Removes trials that have reached their pause from the plan.
     pub(crate) fn set_aside(&mut self, registry: &Registry, paused: BTreeSet<String>) {
         if paused != self.set_aside {
             self.set_aside = paused;
@@ -106,11 +106,11 @@ impl Planned {
 pub(crate) struct Confirms {
     /// Its index among the confirmations of the study.
     pub(crate) index: usize,
-    /// The combinations behind what it confirms.
+    /// The combinations behind the confirmed claims and values.
     pub(crate) cells: BTreeSet<Combination>,
 }
 
-/// Keeps the trials of some environments and agents, with those that they take from; all where none is named.
+/// Keeps the trials of the named environments and agents, and the trials that they take from; all if no name is given.
 fn narrow(plan: &mut Plan, only: &[String]) {
     if only.is_empty() {
         return;
@@ -126,7 +126,7 @@ fn narrow(plan: &mut Plan, only: &[String]) {
     });
 }
 
-/// Steps of every trial; neighbours in a plan mostly share their protocol, so that few protocols are built.
+/// Steps of every trial. Neighbours in a plan usually share their protocol, so few protocols are built.
 pub(crate) fn costs(registry: &Registry, plan: &Plan) -> Vec<u64> {
     let mut known: Option<(&CompleteConfig, u64)> = None;
     let mut costs = Vec::with_capacity(plan.trials.len());
@@ -142,7 +142,7 @@ pub(crate) fn costs(registry: &Registry, plan: &Plan) -> Vec<u64> {
     costs
 }
 
-/// `None` for a protocol that this program does not know.
+/// Total steps of a trial; `None` for a protocol that this program does not know.
 pub(crate) fn total_steps(registry: &Registry, key: &TrialKey) -> Option<u64> {
     let entry = registry.protocols.get(key.protocol.plugin.as_str())?;
     let protocol = (entry.build)(&key.protocol.config).ok()?;

@@ -1,4 +1,4 @@
-//! Looks up which profiles of a study were ever run here.
+//! Finds the profiles of a study that have stored trials.
 
 use crate::{Planned, Selection};
 use contract::{Registry, trial::Trial, trial_end::EndState};
@@ -16,10 +16,10 @@ struct Ends {
     stored: Vec<(String, EndState)>,
 }
 
-/// Every profile with what the store has of its trials, the study without a profile first; nothing where it
-/// has no profiles. `own` is how the report's own trials ended.
+/// The number of stored trials of every profile, starting with the study without a profile; empty if the study has no
+/// profiles. `own` holds the ends of the report's own trials.
 ///
-/// A profile is taken as the study has it, without what the command line changes.
+/// A profile is read as the study defines it, without the changes of the command line.
 pub(crate) fn of(
     registry: &Registry,
     one: &Planned,
@@ -73,13 +73,12 @@ fn planned(registry: &Registry, one: &Planned, profile: Option<String>, store: &
         ..study::Options::default()
     };
     let trials = study::load(&one.path, registry, &options).ok()?.plan().trials;
-    // Damage was reported when the report's own trials were read, or is no concern of this
-    // report.
+    // Damage was reported when the report's own trials were read; other damage does not concern this report.
     let states = store.stored_of(&trials, |it| it.end.state).all;
     Some(Ends::of(&trials, &states))
 }
 
-/// How many profiles have a stored trial, by the trial's id.
+/// Number of profiles that use a stored trial, by the trial's id.
 fn users<'a>(profiles: impl Iterator<Item = &'a Ends>) -> BTreeMap<&'a str, usize> {
     let mut users = BTreeMap::new();
     for ends in profiles {

@@ -1,4 +1,4 @@
-//! The programs that are not ours and that trials would start.
+//! The external programs that trials would start.
 
 use crate::{Failure, Planned, Session};
 use contract::{Error, Interface, Registry, part::Part, random, trial::Trial, trial_end::EndState};
@@ -11,7 +11,7 @@ use std::{
 };
 use study::plan::Plan;
 
-/// A program as it is agreed to: the words of its command, with names in braces, in a project.
+/// A program as consent is given to it: the words of its command, with names in braces, and its project.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Program {
     /// The project's folder.
@@ -29,7 +29,7 @@ impl Program {
 }
 
 impl Session<'_> {
-    /// The programs of trials that have not ended well.
+    /// The programs of trials that have not ended `ok`.
     ///
     /// # Errors
     /// A program that cannot be built, and a store that cannot be opened.
@@ -54,7 +54,7 @@ pub fn of_commands(commands: impl IntoIterator<Item = Vec<String>>) -> BTreeSet<
     commands.into_iter().map(program).collect()
 }
 
-/// The programs of trials that have not ended well.
+/// The programs of trials that have not ended `ok`.
 fn missing(registry: &Registry, planned: &[Planned], store: &Store) -> Result<BTreeSet<Program>, Failure> {
     let mut programs = BTreeSet::new();
     for one in planned {
@@ -67,7 +67,7 @@ fn missing(registry: &Registry, planned: &[Planned], store: &Store) -> Result<BT
             };
             let folder = project(&one.path);
             let program = Program { folder, run };
-            // A damaged end is no end.
+            // A trial with a damaged end counts as missing.
             let is_there = || {
                 store
                     .end(&trial.id)
@@ -83,8 +83,7 @@ fn missing(registry: &Registry, planned: &[Planned], store: &Store) -> Result<BT
     Ok(programs)
 }
 
-/// The programs of trials that are computed again; `study` tells the project, and the current folder where there
-/// is none.
+/// The programs of trials that are computed again. `study` identifies the project; without it, the current folder does.
 pub(crate) fn of_trials<'a>(
     registry: &Registry,
     trials: impl Iterator<Item = &'a Trial>,
@@ -109,7 +108,7 @@ pub(crate) fn has_programs(registry: &Registry, plan: &Plan) -> bool {
         .any(is_program)
 }
 
-/// The words of the program that an agent is; `None` where it is none.
+/// The command of the program behind an agent; `None` if the agent is not a program.
 fn written(registry: &Registry, part: &Part) -> Result<Option<Vec<String>>, Error> {
     let Some(entry) = registry.program(part) else {
         return Ok(None);
@@ -122,7 +121,7 @@ fn written(registry: &Registry, part: &Part) -> Result<Option<Vec<String>>, Erro
     Ok(agent.own_training().map(|training| training.written()))
 }
 
-/// The program that an agent is, for messages.
+/// The command of the program behind an agent, for messages.
 pub(crate) fn in_short(registry: &Registry, part: &Part) -> String {
     let words = written(registry, part).ok().flatten();
     words.map_or_else(

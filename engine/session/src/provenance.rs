@@ -1,4 +1,4 @@
-//! Where numbers come from: programs, plugins, machine.
+//! The origin of numbers: programs, plugins, machine.
 
 use crate::Planned;
 use contract::{Build, Registry};
@@ -9,7 +9,7 @@ use std::{
     collections::{BTreeMap, BTreeSet},
 };
 
-/// Facts about this program, the machine and a study, of whose trials each of these builds computed so many.
+/// Facts about this program, the machine and a study; `builds` holds the number of trials that each build computed.
 #[expect(
     clippy::disallowed_methods,
     reason = "a date that the report shall carry is given by the environment; no result holds it"

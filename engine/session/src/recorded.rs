@@ -1,5 +1,5 @@
-//! `report --recorded`: reports from the records in folders of results, without a store. Trials are as they were;
-//! tables, claims, published values, margins and texts are those of the study files now.
+//! `report --recorded`: reports from the records in folders of results, without a store. Trials come from the record.
+//! Tables, claims, published values, margins and texts come from the current study files.
 
 use crate::{
     Exit, Failure, Planned, ReportOptions, Session, confirmations, exit_of, folders, loading, provenance,
@@ -35,10 +35,10 @@ struct Confirming {
 }
 
 impl Session<'_> {
-    /// Writes every report again whose record can be read; what is wrong with others is said, and the exit is theirs.
+    /// Writes every report with a readable record again. Problems of the others are reported and determine the exit.
     ///
     /// # Errors
-    /// Where no study has a folder of results, and folders that cannot be written.
+    /// Fails if no study has a folder of results, and for folders that cannot be written.
     pub fn report_recorded(
         &self,
         reporting: &ReportOptions,
@@ -83,8 +83,7 @@ impl Session<'_> {
     }
 }
 
-/// The record of the study in a file, and the study with the trials that the record is of; `None` where it has no
-/// results yet.
+/// The record of the study in a file, and the study with the trials of that record; `None` if it has no results yet.
 fn find(
     session: &Session<'_>,
     path: &Path,
@@ -139,7 +138,7 @@ fn find(
     Ok(Some((one, found)))
 }
 
-/// A confirmation with the trials that its record is of; `None` where it has no results yet.
+/// A confirmation with the trials of its record; `None` if it has no results yet.
 fn confirming(
     session: &Session<'_>,
     mut one: Planned,

@@ -1,6 +1,6 @@
-//! Whether programs repeat. `check --rehearse` starts each program of a study twice, with one seed and for a
-//! short time;
-//! `run` computes one trial of each program a second time, up to its first measurement, for the report.
+//! Tests whether programs give the same values again. `check --rehearse` starts each program of a study twice, with the
+//! same seed and for a short time. `run` computes one trial of each program a second time, up to its first measurement,
+//! for the report.
 
 use crate::{
     Failure, Planned, Session,
@@ -20,7 +20,7 @@ use std::{
     sync::Arc,
 };
 
-/// A line for a program; an error for one that did not come to its first measurement.
+/// A line for a program; an error if the program did not reach its first measurement.
 pub type Rehearsed = Result<String, String>;
 
 impl Session<'_> {
@@ -34,7 +34,8 @@ impl Session<'_> {
         programs::of_trials(self.registry, trials, self.selection.specs.first())
     }
 
-    /// Starts each program of the studies twice, each time for so long at most, and says whether it repeats.
+    /// Starts each program of the studies twice, for at most `longest_s` seconds each, and reports whether both gave
+    /// the same values.
     ///
     /// # Errors
     /// Programs that do not fit the machine, and stores that cannot be written.
@@ -63,7 +64,7 @@ fn first_of_each<'a>(registry: &Registry, one: &'a Planned) -> Vec<(&'a Arc<Tria
         .collect()
 }
 
-/// A line for each program of a study; an error for one that did not come to its first measurement.
+/// A line for each program of a study; an error for each that did not reach its first measurement.
 fn rehearsed(
     how: &Compute<'_>,
     one: &Planned,
@@ -101,15 +102,14 @@ fn is_program(registry: &Registry, trial: &Trial) -> bool {
     agent.is_some_and(|part| registry.program(part).is_some())
 }
 
-/// The missing trials of a program in an environment where no trial was computed twice yet: one of them will be.
+/// The missing trials of one program in one environment, before any of them was computed twice; one of them will be.
 pub(crate) struct Candidates {
     trials: Vec<Arc<Trial>>,
     /// The limits of their study.
     limits: Limits,
 }
 
-/// The candidates of each program in each environment. `run` is about to start them, so that the person has agreed to
-/// them.
+/// The candidates of each program in each environment. `run` is about to start these programs, so consent was given.
 pub(crate) fn candidates(registry: &Registry, planned: &[Planned], store: &Store) -> Vec<Candidates> {
     let known = store.repeats();
     let mut programs: BTreeMap<(&str, &str, &str), Candidates> = BTreeMap::new();
@@ -137,8 +137,8 @@ pub(crate) fn candidates(registry: &Registry, planned: &[Planned], store: &Store
     programs.into_values().collect()
 }
 
-/// Computes one of the trials of each program again, beside the store, up to its first measurement, and keeps whether
-/// it came to the same values.
+/// Computes one trial of each program again, beside the store, up to its first measurement, and stores whether the
+/// values were equal.
 pub(crate) fn compute_again(
     how: &Compute<'_>,
     candidates: &[Candidates],
@@ -179,10 +179,10 @@ pub(crate) fn compute_again(
     Ok(())
 }
 
-/// Longest time for which a program runs a second time without being asked for it, in seconds.
+/// Maximum time of an automatic second computation of a program, in seconds.
 const AGAIN_S: f64 = 60.0;
 
-/// Why a trial is not computed again.
+/// The reason why a trial is not computed again.
 fn reason_against(trial: &Trial) -> Option<&'static str> {
     if !trial.key.sources().is_empty() {
         return Some("it takes from other trials");
@@ -192,7 +192,7 @@ fn reason_against(trial: &Trial) -> Option<&'static str> {
         .then_some("nothing is measured before its end")
 }
 
-/// The limits of the second computation: those of the first, and a minute.
+/// The limits of the second computation: those of the first, with at most a minute of time.
 fn limits_again(how: &Compute<'_>, of: &Candidates) -> Limits {
     let limits = how.limits_of(&of.limits);
     Limits {
@@ -221,7 +221,7 @@ fn temporary() -> Result<tempfile::TempDir, Failure> {
     Ok(made.map_err(Error::file("create a folder in", &std::env::temp_dir()))?)
 }
 
-/// The step of the first measurement; `None` where there is none but the last.
+/// The step of the first measurement; `None` if the only measurement is the last one.
 fn first_measurement(trial: &Trial) -> Option<u64> {
     let config = &trial.key.protocol.config;
     let every = config["evaluate_every"].as_u64().filter(|every| *every > 0)?;
@@ -231,7 +231,7 @@ fn first_measurement(trial: &Trial) -> Option<u64> {
         .then_some(every)
 }
 
-/// How two records of a trial compare. A quick program ends before it is stopped at its first measurement.
+/// The comparison of two records of a trial. A quick program may end before it is stopped at its first measurement.
 fn compared(one: &MetricsTable, other: &MetricsTable, trial: &Trial) -> Repeats {
     let [one, other] = [one, other].map(|it| Recorded {
         names: &it.names,
@@ -240,7 +240,7 @@ fn compared(one: &MetricsTable, other: &MetricsTable, trial: &Trial) -> Repeats 
     Repeats::of(one, other, first_measurement(trial))
 }
 
-/// The record of a trial, or why there is none.
+/// The record of a trial, or the reason why there is none.
 fn recorded(trial: &Arc<Trial>, store: &Store) -> Result<Result<MetricsTable, String>, Failure> {
     if let Some(partial) = store.partial(&trial.id)? {
         return Ok(Ok(partial.table));

@@ -1,4 +1,4 @@
-//! Reports: the tables, figures and page of a study with its confirmations, wherever its results come from.
+//! Reports: the tables, figures and page of a study with its confirmations, from a store or a record.
 
 use crate::{
     Exit, Failure, Planned, ReportOptions, Selection, Session, by_study, confirmations, exit_of,
@@ -19,7 +19,7 @@ use std::{
     path::Path,
 };
 
-/// The file of a folder of results with the study and every default.
+/// Name of the file, in a folder of results, with the study and every default.
 pub(crate) const RESOLVED: &str = "resolved.yaml";
 
 /// A report that was written.
@@ -32,20 +32,20 @@ pub struct Report {
     pub contents: Contents,
     /// The files.
     pub paths: ReportPaths,
-    /// How the command ends.
+    /// The exit of the command.
     pub exit: Exit,
 }
 
 /// The outcome of the report of a study.
 pub enum Reported {
-    /// It was written.
+    /// The report was written.
     Written(Box<Report>),
-    /// No trial of the study of this name has ended, so that its earlier report stays.
+    /// No trial of the study of this name has ended, so its earlier report was kept.
     Kept(String, Exit),
 }
 
 impl Reported {
-    /// How the command ends.
+    /// The exit of the command.
     #[must_use]
     pub fn exit(&self) -> Exit {
         match self {
@@ -56,7 +56,8 @@ impl Reported {
 }
 
 impl Session<'_> {
-    /// Refuses to write the results of different study files into one folder, or where nothing can be written.
+    /// Refuses to write the results of different study files into one folder, and refuses folders that cannot be
+    /// written.
     ///
     /// # Errors
     /// The first folder that is refused.
@@ -73,7 +74,7 @@ impl Session<'_> {
         studies.map(|study| self.report_of(study, reporting)).collect()
     }
 
-    /// Says why searches cannot choose a setting, or what they could not see beside their choice.
+    /// Reports why searches cannot choose a setting, or which settings they could not compare with their choice.
     pub fn tell_searches(&self, planned: &[Planned]) {
         searches::tell(self, planned);
     }
@@ -134,30 +135,30 @@ pub(crate) struct Gathered {
     pub(crate) study: StudyInfo,
     /// Its results.
     pub(crate) results: Results,
-    /// The part of them that is shown.
+    /// The tables, figures and claims that are shown.
     pub(crate) contents: Contents,
     /// The programs that made them.
     pub(crate) provenance: Provenance,
-    /// Their numbers that the folder keeps, but for figures.
+    /// The numbers that the folder keeps, without those of figures.
     pub(crate) record: Record,
-    /// How the command ends where the report is as it should be.
+    /// The exit of the command if the report itself has no problem.
     pub(crate) exit: Exit,
-    /// True where the results come from the folder itself.
+    /// Whether the results come from the folder itself.
     pub(crate) is_recorded: bool,
 }
 
-/// The trials of a study as the store has them, without their numbers.
+/// The trials of a study in the store, without their numbers.
 struct Stored {
     /// How each ended; `None` for one that has not.
     states: Vec<Option<EndState>>,
-    /// How many each build computed.
+    /// Number of trials that each build computed; `None` where the build is unknown.
     builds: BTreeMap<Option<Build>, usize>,
-    /// When they ended, where the store knows.
+    /// The period in which they ended, if the store knows it.
     ended: Option<Period>,
 }
 
 impl Stored {
-    /// Damaged trials count as missing; they were complained of while the results were collected.
+    /// Damaged trials count as missing; they were reported when the results were collected.
     fn of(one: &Planned, store: &Store) -> Self {
         let (mut builds, mut ended) = (BTreeMap::new(), None);
         let trials = &one.plan.trials;
@@ -200,7 +201,7 @@ impl Stored {
     }
 }
 
-/// The results of a confirmation with how the command ends. Its record is kept beside the report of its study.
+/// The results of a confirmation and its exit. Its record is written beside the report of its study.
 fn confirmed(
     session: &Session<'_>,
     one: &Planned,
@@ -267,7 +268,7 @@ fn searched(one: &Planned, results: &Results) -> BTreeMap<String, Searched> {
     progress.map(of_search).collect()
 }
 
-/// Writes a report and what lies beside it.
+/// Writes a report and the files beside it.
 pub(crate) fn finish(
     session: &Session<'_>,
     one: &Planned,
@@ -297,8 +298,8 @@ pub(crate) fn finish(
         ..
     } = gathered;
     let exit = match exit {
-        // A drawing was refused. That nothing is recorded of a figure may be so with the smaller budget of a
-        // profile, and where a part of the study was selected.
+        // A figure could not be made. A figure without recorded values is no error under the smaller budget of a
+        // profile, or if only a part of the study was selected.
         Exit::Ok if unmade != lacking || !contents.is_whole() && session.selection.is_whole() => {
             Exit::NotMade
         }
@@ -314,8 +315,8 @@ pub(crate) fn finish(
     })
 }
 
-/// The exit that `status` gives. Tried and prepared trials count as missing just as the trials do that the report
-/// shows.
+/// The exit that `status` gives. Missing trials of searches and prepared artifacts count like the missing trials that
+/// the report shows.
 fn exit_of_report(one: &Planned, states: &[Option<EndState>], results: &Results) -> Exit {
     let ends = results
         .trials
@@ -324,7 +325,7 @@ fn exit_of_report(one: &Planned, states: &[Option<EndState>], results: &Results)
     exit_of(states.iter().copied().chain(ends)).max(exit_of_searches(one))
 }
 
-/// Says that nothing of a study is there, so that its earlier report stays as it was.
+/// Reports that no trial of a study has ended, so its earlier report is kept.
 fn kept(session: &Session<'_>, one: &Planned, dir: &Path, exit: Exit) -> Reported {
     let (name, root, dir) = (&one.study.name, session.settings.store.display(), dir.display());
     session.notice(&format!(
@@ -333,8 +334,8 @@ fn kept(session: &Session<'_>, one: &Planned, dir: &Path, exit: Exit) -> Reporte
     Reported::Kept(name.clone(), exit)
 }
 
-/// Writes the complete study and the record beside a report, and clears away what an earlier one left. The measurements
-/// of a record stay as they are, and so does the study where its trials are not those of now.
+/// Writes the complete study and the record beside a report, and removes files of an earlier report. With a record, its
+/// measurements stay unchanged, and so does the study if its trials differ from the current ones.
 fn write_beside(
     session: &Session<'_>,
     dir: &Path,
@@ -381,8 +382,8 @@ fn asks(one: &Planned) -> Asks {
     ))
 }
 
-/// Facts on the figures that cannot be drawn from the record: of those that are drawn now, and as they were known
-/// before.
+/// Facts on the figures that cannot be drawn from the record: new facts for figures drawn now, earlier facts for the
+/// others.
 fn facts(study: &StudyInfo, contents: &Contents, before: &Record) -> BTreeMap<String, FigureFacts> {
     let figures = study.figures.iter().zip(&contents.figures);
     let of_figure =

@@ -1,4 +1,4 @@
-//! The results of a study, and the facts on it that a report shows.
+//! The results of a study, and the facts about it that a report shows.
 
 use crate::{Planned, Session, stages};
 use analysis::{
@@ -19,7 +19,7 @@ use std::{
 use study::Study;
 
 impl Session<'_> {
-    /// The results of a study from the store. What is damaged is said and counts as missing.
+    /// The results of a study from the store. Damaged trials are reported and count as missing.
     ///
     /// # Errors
     /// A store that cannot be opened.
@@ -41,14 +41,14 @@ impl Session<'_> {
     }
 }
 
-/// The same without a word, for verdicts alone: no figure is shown of it.
+/// The same without messages, for verdicts alone; it leaves out the drawings of figures.
 pub(crate) fn judged(one: &Planned, store: &Store) -> Results {
     of_trials(one, store, load(one, store, |_| {}))
 }
 
-/// All trials of a study with what they recorded; what cannot be read counts as missing, and `say` says why.
+/// All trials of a study with their records. Unreadable trials count as missing, and `say` receives the reason.
 fn load(one: &Planned, store: &Store, say: impl Fn(&Error)) -> Vec<TrialResult> {
-    // In the order of the settings that searches try, some of which are set aside.
+    // Trials follow the order of the settings that searches try, including paused ones.
     let planned: Vec<&Arc<Trial>> = one.paused.iter().chain(&one.plan.trials).collect();
     let (mut trials, unreadable) = store.load_all(&planned);
     unreadable.iter().for_each(|(_, error)| say(error));
@@ -151,7 +151,7 @@ fn defaults(one: &Planned, registry: &Registry) -> BTreeMap<String, Value> {
     defaults
 }
 
-/// Whether programs repeat, as far as the store knows: the first answer of each combination.
+/// Whether programs give the same values again: the first stored check of each combination.
 fn repeat_checks(trials: &[TrialResult], store: &Store) -> Vec<RepeatCheck> {
     let known = store.repeats();
     let check = |it: &TrialResult| {
@@ -168,14 +168,14 @@ fn repeat_checks(trials: &[TrialResult], store: &Store) -> Vec<RepeatCheck> {
     trials.iter().filter_map(check).filter(is_first).collect()
 }
 
-/// True where something of a study shows how long trials took.
+/// True if a part of a study shows the durations of trials.
 pub(crate) fn names_times_of(study: &Study) -> bool {
     names_times(&(&study.tables, &study.figures, &study.claims, &study.success))
 }
 
 /// The results of a study from those of its trials.
 pub(crate) fn assembled(study: &Study, mut trials: Vec<TrialResult>) -> Results {
-    // The time that runs of others took is not known here.
+    // The durations of imported runs are not known here.
     trials.extend(study.imported.iter().flat_map(|it| it.trials.iter().cloned()));
     if let Some(success) = &study.success {
         trials.iter_mut().for_each(|trial| trial.judge_success(success));
@@ -193,8 +193,8 @@ pub(crate) fn assembled(study: &Study, mut trials: Vec<TrialResult>) -> Results 
     }
 }
 
-/// The drawings that trials left and figures of the study show, by id. An unreadable one is reported, and the
-/// figure says it too.
+/// The drawings that trials left and figures of the study show, by id. An unreadable drawing is reported, and the
+/// figure shows the problem too.
 fn drawings(
     session: &Session<'_>,
     one: &Planned,
@@ -204,7 +204,7 @@ fn drawings(
     let figures = one.study.figures.iter();
     let kinds: BTreeSet<ArtifactKind> = figures.filter_map(|(_, spec)| spec.kind.shows()).collect();
     let mut all: BTreeMap<String, Drawings> = BTreeMap::new();
-    // Runs of others left nothing here.
+    // Imported runs left no drawings.
     let own = trials.iter().filter(|trial| !trial.is_imported());
     for trial in own.filter(|trial| trial.is_ok()) {
         for kind in &kinds {

@@ -1,4 +1,4 @@
-//! Runs: what is missing is computed here, on hosts or through a queue, as far as looks and searches ask for.
+//! Runs: computes missing trials here, on hosts or through a queue, including those that looks and searches add.
 
 use crate::{
     Exit, Failure, Planned, RunOptions, Session, WorkerOptions, compute::Compute, device, hosts, rehearse,
@@ -10,23 +10,23 @@ use execution::executor::{self, ExecutorKind, Way};
 /// The outcome of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Computed {
-    /// Everything that was asked for was tried; reports can follow.
+    /// All requested trials were attempted; reports can follow.
     Ended {
-        /// How it ended.
+        /// The exit of the run.
         exit: Exit,
-        /// True where no queue was in between.
+        /// Whether the trials ran without a queue.
         is_here: bool,
     },
-    /// The command leaves, and others go on.
+    /// The command returns while a queue continues.
     Left(Exit),
 }
 
 impl Session<'_> {
-    /// Computes what is missing, look by look where looks are planned, and whether programs repeat. The studies are as
-    /// [`load_with_looks`](Self::load_with_looks) answers them, and grow.
+    /// Computes the missing trials, look by look if looks are planned, and tests whether programs give the same values
+    /// again. The studies come from [`load_with_looks`](Self::load_with_looks), and grow.
     ///
     /// # Errors
-    /// Trials that fit no machine, executors that cannot be reached, and a store that cannot be written.
+    /// Fails for trials that fit on no machine, executors that cannot be reached, and a store that cannot be written.
     pub fn run(&self, planned: &mut [Planned], options: &RunOptions) -> Result<Computed, Failure> {
         let store = self.store()?;
         self.warn(planned.iter().map(|one| &one.study));
@@ -43,13 +43,13 @@ impl Session<'_> {
             how.workers *= device::workers_of_a_core(device.name);
         }
         seen::fix(self, planned, store)?;
-        // Programs start where the trials do.
+        // Programs are computed again on the machine where their trials run.
         let candidates = match is_here && !options.no_rehearsal {
             true => rehearse::candidates(self.registry, planned, store),
             false => Vec::new(),
         };
         let computed = self.compute_all(&mut how, kind.as_ref(), planned, options)?;
-        // A run that was stopped starts nothing more.
+        // A stopped run starts nothing more.
         if !matches!(
             computed,
             Computed::Ended {
@@ -62,7 +62,7 @@ impl Session<'_> {
         Ok(computed)
     }
 
-    /// Computes what is missing, look by look where looks are planned.
+    /// Computes the missing trials, look by look if looks are planned.
     fn compute_all(
         &self,
         how: &mut Compute<'_>,
@@ -84,12 +84,12 @@ impl Session<'_> {
                     is_here: kind.is_none(),
                 });
             }
-            // A trial that fails now is not tried again at every look.
+            // A trial that fails now is not repeated at every look.
             how.retry_failed = false;
         }
     }
 
-    /// Computes the missing trials of a part, and leaves to others what they run.
+    /// Computes the missing trials of one part, and leaves trials that other programs run to them.
     ///
     /// # Errors
     /// Trials that do not fit the machine, and a store that cannot be written.
@@ -105,7 +105,7 @@ impl Session<'_> {
         let (part, parts) = options.part;
         let mut exit = Exit::Ok;
         loop {
-            // A failure at one look is not made good by the next.
+            // A failure at one look remains a failure after the next.
             exit = exit.max(how.run(planned, |position| position % parts == part)?);
             if !goes_on(exit, &how) || !self.grow(planned)? {
                 return Ok(exit.max(searches::tell(self, planned)));
@@ -114,7 +114,7 @@ impl Session<'_> {
     }
 }
 
-/// The queue that trials are handed to, where there is one; hosts are reached, and are then those of `how`.
+/// The queue for the trials, if there is one. Hosts are contacted, and become those of `how`.
 fn place(
     how: &mut Compute<'_>,
     planned: &[Planned],
@@ -140,12 +140,12 @@ fn place(
     Ok(kind)
 }
 
-/// The executor of a name that starts workers on other machines.
+/// The executor with this name, if it starts workers on other machines.
 fn elsewhere(registry: &Registry, name: &str) -> Option<ExecutorKind> {
     executor::find(registry, name).filter(|kind| kind.options().is_some())
 }
 
-/// Whether a further look may follow what was computed: what is missing now would be missing then too.
+/// Whether a further look may follow. It may not if trials are missing, since they would be missing then too.
 fn goes_on(computed: Exit, how: &Compute<'_>) -> bool {
     computed != Exit::Incomplete && !(computed == Exit::TrialsFailed && how.fail_fast)
 }

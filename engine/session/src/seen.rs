@@ -1,4 +1,4 @@
-//! The record of verdicts that were seen, and of the rounds of confirmations that were fixed.
+//! The record of seen verdicts and of fixed rounds of confirmations.
 
 use crate::{Observer, Planned, Session};
 use analysis::results::Results;
@@ -18,8 +18,8 @@ use std::{
 };
 use study::Study;
 
-/// Notes rounds of confirmations that are computed for the first time, before their first trial: what each asks of
-/// which seeds.
+/// Records the date and the hash of rounds of confirmations that are computed for the first time, before their first
+/// trial. The hash covers what each round judges, and its seeds.
 ///
 /// # Errors
 /// [`Error::File`] where a record cannot be written.
@@ -41,7 +41,7 @@ pub(crate) fn fix(session: &Session<'_>, planned: &[Planned], store: &Store) -> 
     Ok(())
 }
 
-/// The hash of the claims and published values of a round, and of its seeds. Texts do not enter it.
+/// The hash of the claims, published values and seeds of a round. Texts do not enter it.
 fn digest_of_round(round: &Study) -> String {
     let claims = round.claims.iter();
     let claims: Vec<_> = claims
@@ -55,7 +55,7 @@ fn digest_of_round(round: &Study) -> String {
     contract::digest::of_bytes(json!([claims, tables, round.seeds, looks]).to_string().as_bytes())
 }
 
-/// A sentence on when a round was fixed; `None` where that was not noted.
+/// A sentence on when a round was fixed; `None` if that was not recorded.
 pub(crate) fn fixed_in_words(round: &Study, seen: &SeenVerdicts) -> Option<String> {
     let Fixed { digest, at, ended } = seen.fixed.as_ref()?;
     let name = round.name.rsplit('/').next().unwrap_or(&round.name);
@@ -75,9 +75,9 @@ pub(crate) fn fixed_in_words(round: &Study, seen: &SeenVerdicts) -> Option<Strin
     ))
 }
 
-/// Marks verdicts that were seen with fewer seeds before and without a plan for it, and those that are passed by
-/// another margin than when they were first seen, and records those that are seen now. It answers the record as
-/// far as it is of these verdicts and these trials, by what is judged alone.
+/// Marks verdicts that were seen earlier with fewer seeds and no plan for that, and verdicts whose margin has changed
+/// since they were first seen; then records the verdicts that are seen now. Returns the part of the record about these
+/// verdicts and these trials, without the ids of trials in its keys.
 ///
 /// # Errors
 /// [`Error::File`] where the record cannot be written.
@@ -92,14 +92,14 @@ pub(crate) fn record(
     let mut noting = Noting::of(one, read(session.observer, store, study)?, results);
     noting.ids = Some(FirstIds::of(results));
     noting.all(contents);
-    // A record of an earlier program gets its check.
+    // A record of an earlier program without a checksum gets one.
     if noting.changed || !noting.seen.is_sealed() && !noting.seen.verdicts.is_empty() {
         store.keep_seen(study, &noting.seen)?;
     }
     Ok(noting.noted)
 }
 
-/// The same with a record that is of these trials, and goes on with what is no more judged now.
+/// The same for a record of these trials alone; entries that are no longer judged are kept.
 pub(crate) fn record_again(
     one: &Planned,
     seen: SeenVerdicts,
@@ -113,16 +113,16 @@ pub(crate) fn record_again(
     noted
 }
 
-/// The record of verdicts while those of a report are held against it.
+/// The record of verdicts while the verdicts of a report are compared with it.
 struct Noting<'a> {
     seen: SeenVerdicts,
-    /// The part of it that is of this report's verdicts, by what is judged alone.
+    /// The part about this report's verdicts, without the ids of trials in its keys.
     noted: SeenVerdicts,
     changed: bool,
     relevance: Option<&'a Relevance>,
-    /// How many trials each combination has.
+    /// Number of trials of each combination.
     numbers: BTreeMap<Combination, usize>,
-    /// The ids of first trials, where the record is also of others.
+    /// The ids of first trials; `None` if the record is of these trials alone.
     ids: Option<FirstIds<'a>>,
     /// The numbers of seeds of planned looks.
     planned: BTreeSet<u32>,
@@ -149,7 +149,7 @@ impl<'a> Noting<'a> {
         }
     }
 
-    /// Holds everything that is judged against the record.
+    /// Compares every verdict with the record.
     fn all(&mut self, contents: &mut Contents) {
         let tables = contents.tables.iter_mut();
         tables
@@ -157,17 +157,18 @@ impl<'a> Noting<'a> {
             .for_each(|(name, grid)| self.table(name, grid));
         contents.claims.iter_mut().for_each(|line| self.claim(line));
         contents.lost_record.clone_from(&self.seen.lost);
-        // Exploratory verdicts are in no family.
+        // Exploratory verdicts belong to no family.
         contents.adjust();
     }
 
-    /// The most trials that a combination has of those behind a verdict.
+    /// The largest number of trials of a combination behind a verdict.
     fn most_planned(&self, cells: &BTreeSet<Combination>) -> usize {
         let numbers = cells.iter().filter_map(|cell| self.numbers.get(cell));
         numbers.copied().max().unwrap_or(0)
     }
 
-    /// The name of what is judged in the record: another version of a trial is another experiment.
+    /// The key of a verdict in the record. It contains the trials, because another version of a trial is another
+    /// experiment.
     fn key(&self, place: &str, rests_on: &BTreeSet<Combination>) -> String {
         match &self.ids {
             Some(ids) => format!("{place} @ {}", ids.hash(rests_on)),
@@ -198,8 +199,8 @@ impl<'a> Noting<'a> {
         line.first_judged_by = self.first_rule(&place, &line.rests_on, seeds.map(|_| rule));
     }
 
-    /// Notes what a verdict is passed by that is seen; what it was when the verdict was first seen, where that was
-    /// something else.
+    /// Records the rule by which a seen verdict is judged. Returns the rule at the first sight of the verdict, if that
+    /// was another one.
     fn first_rule(
         &mut self,
         place: &str,
@@ -218,8 +219,8 @@ impl<'a> Noting<'a> {
         Some(first).filter(|first| *first != rule)
     }
 
-    /// Notes that a verdict is seen with so many seeds; the fewest others with which it was seen without a plan for
-    /// it: more seeds that were seen and are not shown are no better than fewer.
+    /// Records the number of seeds with which a verdict is seen. Returns the smallest other number with which it was
+    /// seen without a plan. A larger number that was seen and is not shown counts just as a smaller one does.
     fn look(&mut self, place: &str, rests_on: &BTreeSet<Combination>, seeds: Option<u32>) -> Option<u32> {
         let seeds = seeds?;
         let key = self.key(place, rests_on);
@@ -234,7 +235,8 @@ impl<'a> Noting<'a> {
         if !plans.is_empty() {
             self.noted.plans.insert(noted, plans.clone());
         }
-        // A look of this plan is none of it where it was seen before there was this plan: then it had the whole level.
+        // A look that was seen under another plan is not a planned look of this one, since it was tested at the whole
+        // level then.
         let was_planned = |earlier: &u32| {
             self.planned.contains(earlier) && plans.get(earlier).is_none_or(|plan| *plan == self.planned)
         };
@@ -245,13 +247,13 @@ impl<'a> Noting<'a> {
     }
 }
 
-/// The rule of a published value: the band that counts as the same, in words.
+/// The rule of a published value: the band within which a result counts as the same, in words.
 fn rule_of_value(reference: &Reference) -> String {
     let (low, high) = reference.band;
     format!("a band from {low} to {high}")
 }
 
-/// The rule of a claim besides its words, which name it: the difference that matters.
+/// The rule of a claim: the smallest difference that counts. The words of the claim are part of its key.
 fn rule_of_claim(min_effect: Option<f64>, relevance: Option<&Relevance>) -> String {
     match (min_effect, relevance) {
         (Some(min_effect), _) => format!("differences of {min_effect} or more"),
@@ -260,7 +262,7 @@ fn rule_of_claim(min_effect: Option<f64>, relevance: Option<&Relevance>) -> Stri
     }
 }
 
-/// With how many seeds a verdict is seen; `None` where there is none yet or seeds of the plan are missing.
+/// The number of seeds with which a verdict is seen; `None` if there is no verdict yet or planned seeds are missing.
 fn number(judged: bool, planned: usize, ended: usize, looks: &statistics::Seeds) -> Option<u32> {
     let seeds = match &looks.design {
         Some(design) => design.looks()[..looks.complete()].last().copied(),
@@ -269,7 +271,7 @@ fn number(judged: bool, planned: usize, ended: usize, looks: &statistics::Seeds)
     seeds.filter(|_| judged)
 }
 
-/// The record of a study's verdicts. A damaged one is set aside, with a warning.
+/// The record of a study's verdicts. A damaged record is set aside with a warning.
 fn read(observer: &dyn Observer, store: &Store, study: &str) -> Result<SeenVerdicts, Error> {
     let (seen, problem) = store.seen_or_begun(study)?;
     if let (Some(problem), Some(lost)) = (problem, &seen.lost) {
@@ -282,8 +284,8 @@ fn read(observer: &dyn Observer, store: &Store, study: &str) -> Result<SeenVerdi
     Ok(seen)
 }
 
-/// Adds to the records of one store what another one says was seen: who takes its trials has seen its verdicts
-/// as well. True where every record of the other one could be read.
+/// Adds the records of one store to those of another, because a person who takes over trials has seen their verdicts
+/// too. True if every record of the source could be read.
 ///
 /// # Errors
 /// [`Error::File`] where a record cannot be read or written.

@@ -1,9 +1,9 @@
-//! Which trials of which studies, and the commands that say the same.
+//! Selected studies and trials, and the command lines that select them.
 
 use execution::executor::quoted;
 use std::path::PathBuf;
 
-/// Which studies, and with which budget.
+/// Selected studies, with their budget and the trials to keep.
 #[derive(Debug, Clone, Default)]
 pub struct Selection {
     /// Study files.
@@ -19,7 +19,7 @@ pub struct Selection {
 }
 
 impl Selection {
-    /// A whole study, as it is written.
+    /// Selects a whole study as it is written.
     pub fn of(study: impl Into<PathBuf>) -> Self {
         Self {
             specs: vec![study.into()],
@@ -27,12 +27,12 @@ impl Selection {
         }
     }
 
-    /// True where the whole study is selected, with its own budget.
+    /// True if the whole study is selected, with its own budget.
     pub(crate) fn is_whole(&self) -> bool {
         self.profile.is_none() && self.only.is_empty()
     }
 
-    /// True where one study is named.
+    /// True if one study is named.
     pub(crate) fn is_one(&self) -> bool {
         self.specs.len() == 1
     }
@@ -77,7 +77,7 @@ impl MachineOptions {
     }
 }
 
-/// The command `verb` for a selection, with more words at its end, to be typed as it stands.
+/// The command `verb` for a selection, with `more` words at its end, ready to be pasted.
 pub(crate) fn command(selection: &Selection, machine: &MachineOptions, verb: &str, more: &[&str]) -> String {
     let specs = selection.specs.iter().map(|path| path.display().to_string());
     let store = machine

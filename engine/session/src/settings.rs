@@ -10,8 +10,8 @@
 //! executor = "local"          # or "slurm"
 //! device = "processor"        # or "cuda": learners of many trials compute on a card at once
 //!
-//! [slurm]                     # how workers are asked for: each executor of `regimen list` has a table of
-//! its name time = "4:00:00"
+//! [slurm]                     # options of an executor; every executor of `regimen list` has such a table
+//! time = "4:00:00"
 //!
 //! [limits]                    # the tighter of these and the study's holds
 //! wall_time_s = 3600
@@ -65,9 +65,9 @@ pub struct Settings {
     pub checkpoint_every: Duration,
     /// Leases of machines that are silent for this long count as dead.
     pub lease_expiry: Duration,
-    /// Limits that hold here, whatever the study says.
+    /// Limits of this machine, which apply whatever the study says.
     pub limits: Limits,
-    /// Name of what runs the missing trials.
+    /// Name of the executor of missing trials.
     pub executor: String,
     /// Name of the device on which learners compute.
     pub device: String,
@@ -75,7 +75,7 @@ pub struct Settings {
     executors: Tables,
 }
 
-/// Options of executors by name; a key that is not given is null.
+/// Options of executors by name; a missing key is null.
 type Tables = BTreeMap<&'static str, Value>;
 
 /// The keys outside the tables of executors, at the top or in a profile.
@@ -97,14 +97,14 @@ struct ProfileTable {
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(untagged, expecting = "a number of graphics cards, or a list of their names")]
 enum Cards {
-    /// So many of those that are seen.
+    /// The first cards of those visible to this process.
     Number(usize),
-    /// These.
+    /// Cards with these names.
     Names(Vec<String>),
 }
 
 impl Cards {
-    /// The cards for trials: those that are said, of those that this process may see.
+    /// The configured cards, restricted to those that this process may see.
     #[expect(
         clippy::disallowed_methods,
         reason = "a batch system says by a variable which cards a job has, and none reaches a result"
@@ -116,13 +116,13 @@ impl Cards {
         })
     }
 
-    /// As [`visible`](Self::visible): `seen` is the variable, which lists what may be seen, and `installed` counts the
+    /// Like [`visible`](Self::visible): `seen` is the variable that lists the visible cards, and `installed` counts the
     /// cards of the machine.
     fn among(said: Option<Self>, seen: Option<&str>, installed: impl FnOnce() -> usize) -> Vec<String> {
         let numbered = |number: usize| (0..number).map(|card| card.to_string()).collect();
         let seen: Option<Vec<String>> = seen.map(|text| {
             let names = text.split(',').map(|name| name.trim().to_owned());
-            // A name that is none hides what follows it.
+            // An invalid name hides all names after it, as in CUDA.
             names
                 .take_while(|name| !["", "-1", "NoDevFiles"].contains(&name.as_str()))
                 .collect()
@@ -170,8 +170,8 @@ struct Level {
 }
 
 impl Settings {
-    /// Reads `regimen.toml` of the current folder, or of the nearest one above it that has it. The store that it
-    /// names is seen from its folder.
+    /// Reads `regimen.toml` of the current folder, or of the nearest folder above that has one. A relative path of the
+    /// store starts at the folder of the file.
     ///
     /// # Errors
     /// A mistake in the file.
@@ -203,7 +203,7 @@ impl Settings {
         Ok(Store::at(&self.store).sharing(bucket.transpose()?))
     }
 
-    /// An executor with its options; `tasks` takes the place of the most that may run at a time.
+    /// An executor with its options; `tasks` replaces the maximum number of tasks at a time.
     pub(crate) fn executor(
         &self,
         kind: &ExecutorKind,
@@ -230,7 +230,7 @@ fn combine(
     kinds: &[ExecutorKind],
 ) -> Result<Settings, Failure> {
     let (top, mut profiles) = levels(text, kinds).map_err(|error| unreadable(error, text, kinds))?;
-    // A mistake in a profile is said whichever profile is chosen.
+    // A mistake in a profile is an error whichever profile is chosen.
     let named = std::iter::once(&top).chain(profiles.values());
     let mut executors = named.filter_map(|level| level.table.executor.as_ref());
     executors.try_for_each(|name| refuse_idle(name, kinds, text))?;
@@ -271,21 +271,21 @@ fn combine(
         device: profile.device.or(top.device).unwrap_or_else(|| PROCESSOR.into()),
         executors,
     };
-    // Worker processes are told where it is, in JSON.
+    // Worker processes receive the path in JSON.
     if settings.store.to_str().is_none() {
         let store = settings.store.display();
         return Err(Failure::refusal(format!(
             "the store's path `{store}` is no UTF-8 text: name another folder"
         )));
     }
-    // Options that an executor cannot use are refused now, also where another one runs the trials.
+    // Invalid options of an executor are an error even if another executor runs the trials.
     for kind in kinds.iter().filter(|kind| kind.options().is_some()) {
         settings.executor(kind, None)?;
     }
     Ok(settings)
 }
 
-/// The failure for a text that is none of settings.
+/// The failure for a text that does not parse as settings.
 fn unreadable(mut error: toml::de::Error, text: &str, kinds: &[ExecutorKind]) -> Failure {
     error.set_input(Some(text));
     let tables = if error.message().starts_with("unknown field `trusted`") {
@@ -298,11 +298,11 @@ fn unreadable(mut error: toml::de::Error, text: &str, kinds: &[ExecutorKind]) ->
     wrong(&format!("{error}{tables}"))
 }
 
-/// Why a project says nothing of trust.
+/// The message for trust in a project's own file.
 const TRUSTED: &str = "a project cannot say that its own programs are trusted: `trusted = [\"/FOLDER\"]` belongs into your \
                        own file, `regimen/regimen.toml` in $XDG_CONFIG_HOME or ~/.config\n";
 
-/// The tables that a file may have besides its keys.
+/// The tables that a file may have in addition to its keys.
 fn known_tables(kinds: &[ExecutorKind]) -> String {
     let names = kinds
         .iter()
@@ -343,7 +343,7 @@ fn table(value: Spanned<DeValue<'_>>) -> Result<DeTable<'_>, toml::de::Error> {
     }
 }
 
-/// Reads the tables of executors, each as its executor says, and then what is left.
+/// Reads the tables of executors in the form that each executor defines, then the remaining keys.
 fn level(mut keys: Spanned<DeTable<'_>>, kinds: &[ExecutorKind]) -> Result<Level, toml::de::Error> {
     let mut executors = Tables::new();
     for kind in kinds {
@@ -383,7 +383,7 @@ fn some(number: Option<usize>, key: &str) -> Result<Option<usize>, Failure> {
     }
 }
 
-/// The tables of a profile over those of the top, key by key.
+/// The tables of a profile merged over those of the top, key by key.
 fn overlay(mut below: Tables, above: Tables) -> Tables {
     for (name, values) in above {
         let given = values

@@ -1,11 +1,11 @@
-//! The graph of a study: its entries, and what each takes from others.
+//! The graph of a study: its entries, and the artifacts that they take from each other.
 
 use crate::Planned;
 use contract::trial::{Purpose, Trial};
 use report::{Stage, Take};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The entries of a study in the order of the plan; none where no trial takes from another one.
+/// The entries of a study in the order of the plan; empty if no trial takes from another one.
 #[must_use]
 pub fn of(one: &Planned) -> Vec<Stage> {
     let trials = &one.plan.trials;
@@ -54,11 +54,11 @@ fn entry(trial: &Trial) -> &str {
     }
 }
 
-/// One more than the deepest entry that it takes from. An agent may take from itself in another environment,
-/// which adds nothing.
+/// The depth of every entry: one more than the deepest entry that it takes from. An agent that takes from itself in
+/// another environment adds nothing.
 fn depths<'a>(names: &[&'a str], takes: &BTreeMap<&'a str, BTreeSet<Take>>) -> BTreeMap<&'a str, usize> {
     let mut depths: BTreeMap<&str, usize> = names.iter().map(|name| (*name, 0)).collect();
-    // A path has at most as many entries as there are.
+    // A path contains each entry at most once.
     for _ in names {
         for (name, takes) in takes {
             let below = takes

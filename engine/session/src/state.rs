@@ -1,4 +1,4 @@
-//! How far a study is: how its trials ended, what the missing ones wait for, and what they will cost.
+//! The state of a study: the ends of its trials, the reasons why missing trials wait, and their estimated duration.
 
 use crate::{Failure, Planned, Session, device::workers_of_a_core, planned::total_steps, waiting::Waiting};
 use contract::{
@@ -11,24 +11,24 @@ use serde::Serialize;
 use std::{collections::BTreeSet, sync::Arc};
 use study::plan::{self, Estimate, Novelty};
 
-/// Stored trials among which the nearest to a missing one is looked for.
+/// Maximum number of stored trials that are searched for the one nearest to a missing trial.
 const MOST_STORED: usize = 500_000;
 
-/// How far a study is.
+/// The state of a study.
 pub struct StudyState {
-    /// How its trials ended; `None` where one is missing.
+    /// The ends of its trials; `None` if a trial is missing.
     pub ends: Vec<Option<TrialEnd>>,
-    /// Why missing trials are not stored, where that was asked for.
+    /// The reasons why missing trials are not stored, if they were requested.
     pub novelties: Vec<Novelty>,
     /// The missing trials that take what others leave.
     pub waiting: Waiting,
-    /// About how long the missing trials take.
+    /// Estimated duration of the missing trials.
     pub estimate: Estimate,
-    /// The same on each device on which stored trials were computed.
+    /// The same for each device that computed stored trials.
     pub on_devices: Vec<DeviceEstimate>,
 }
 
-/// About how long missing trials take on a device.
+/// Estimated duration of missing trials on a device.
 #[derive(Debug, Clone, Serialize)]
 pub struct DeviceEstimate {
     /// Name of the device.
@@ -41,8 +41,8 @@ pub struct DeviceEstimate {
 }
 
 impl Session<'_> {
-    /// How far a study is; its trials are each in the plan once then. `explained` asks why missing trials are not
-    /// stored.
+    /// The state of a study. Repeated trials are removed from its plan. `explained` requests the reasons why missing
+    /// trials are not stored.
     ///
     /// # Errors
     /// A store that cannot be opened.
@@ -58,7 +58,7 @@ impl Session<'_> {
             ));
         }
         let known = known(trials, &ends);
-        // Where every trial is there, nothing else of the store is looked at.
+        // If every trial is stored, the rest of the store is not read.
         let cells = match explained {
             true if known.len() == trials.len() => Vec::new(),
             true => store.cells(&known, MOST_STORED),
@@ -85,7 +85,7 @@ impl Session<'_> {
     }
 }
 
-/// The trials that have ended, and how.
+/// The trials that have ended, with their ends.
 fn known<'a>(trials: &'a [Arc<Trial>], ends: &'a [Option<TrialEnd>]) -> Vec<(&'a Trial, &'a TrialEnd)> {
     let known = trials.iter().zip(ends);
     known
@@ -93,7 +93,7 @@ fn known<'a>(trials: &'a [Arc<Trial>], ends: &'a [Option<TrialEnd>]) -> Vec<(&'a
         .collect()
 }
 
-/// An estimate for the trials that are missing and not blocked, from stored ones of a device.
+/// An estimate for the trials that are missing and not blocked, from trials that a device computed.
 fn estimate(
     registry: &Registry,
     (one, ends): (&Planned, &[Option<TrialEnd>]),

@@ -1,4 +1,4 @@
-//! Trials handed to a queue, and followed there.
+//! Trials that are submitted to a queue and followed there.
 
 use crate::{
     Exit, Failure, Follower, Planned, RunOptions, Session,
@@ -35,21 +35,21 @@ impl From<Error> for Failure {
     }
 }
 
-/// Studies, to be handed to a queue.
+/// Studies to be submitted to a queue.
 pub(crate) struct Submitting<'a> {
     /// The executor with the queue.
     pub(crate) kind: &'a ExecutorKind,
     /// The studies and their trials.
     pub(crate) planned: &'a [Planned],
-    /// How trials are computed.
+    /// The settings of the computation.
     pub(crate) how: &'a Compute<'a>,
 }
 
 impl Session<'_> {
-    /// Hands what is missing to an executor and leaves.
+    /// Submits the missing trials to an executor and returns.
     ///
     /// # Errors
-    /// An executor that cannot be reached or takes no submissions.
+    /// An executor that cannot be reached or accepts no submissions.
     pub fn submit(&self, planned: &[Planned], kind: &ExecutorKind) -> Result<Exit, Failure> {
         if let Way::Written(_, command) = &kind.way {
             let title = kind.title;
@@ -71,10 +71,10 @@ impl Session<'_> {
         Ok(submitting.run(&options)?.unwrap_or(Exit::Ok))
     }
 
-    /// The script or manifest for the trials that are missing now; no queue is asked and nothing is changed.
+    /// The script or manifest for the trials that are missing now. It does not contact the queue and changes nothing.
     ///
     /// # Errors
-    /// Options of the executor that are wrong, and trials that fit no task.
+    /// Invalid options of the executor, and trials that fit in no task.
     pub fn written(&self, planned: &[Planned], kind: &ExecutorKind) -> Result<String, Failure> {
         let how = self.of_parts();
         let submitting = Submitting {
@@ -92,10 +92,10 @@ impl Session<'_> {
         }
     }
 
-    /// Ends what was submitted for the trials of these studies, and answers it.
+    /// Cancels the submissions with trials of these studies, and returns them.
     ///
     /// # Errors
-    /// A queue that cannot be asked.
+    /// A queue that does not answer.
     pub fn cancel(&self, planned: &[Planned]) -> Result<Vec<Submission>, Failure> {
         let store = absolute(&self.settings.store)?;
         set_aside_damaged(self, &store)?;
@@ -109,10 +109,10 @@ impl Session<'_> {
         )?)
     }
 
-    /// The submissions of this store that queues still hold.
+    /// The submissions of this store that are still in a queue.
     ///
     /// # Errors
-    /// A queue that cannot be asked.
+    /// A queue that does not answer.
     pub fn holdings(&self) -> Result<Vec<Holding>, Failure> {
         let store = absolute(&self.settings.store)?;
         let holdings = set_aside_damaged(self, &store)
@@ -125,8 +125,8 @@ impl Session<'_> {
 }
 
 impl Submitting<'_> {
-    /// Computes what is missing through a queue and waits for it. `None` where every trial has ended, else how the
-    /// command ends.
+    /// Computes the missing trials through a queue and waits for it. `None` if every trial has ended, otherwise the
+    /// exit of the command.
     pub(crate) fn run(&self, options: &RunOptions) -> Result<Option<Exit>, Failure> {
         let session = self.how.session;
         let executor = session.settings.executor(self.kind, options.jobs)?;
@@ -199,14 +199,14 @@ impl Submitting<'_> {
         })
     }
 
-    /// Refuses trials that fit no task.
+    /// Refuses trials that fit in no task.
     fn refuse_unfit(&self, executor: &dyn Executor, tasks: &[scheduler::Task<'_>]) -> Result<(), Failure> {
         let agents = tasks.iter().filter_map(|task| task.trial.key.agent.agent());
         Machines::tasks(executor, self.kind.name).refuse_unfit(self.how.session.registry, agents)
     }
 
-    /// The command of a worker, and the path of its store. Where workers see other paths than those of this
-    /// machine, paths stay as they were written.
+    /// The command of a worker, and the path of its store. If workers see other paths than this machine, paths stay as
+    /// they were written.
     fn work(&self, executor: &dyn Executor) -> Result<(PathBuf, Work), Failure> {
         let path = |path: &Path| {
             if executor.shares_paths() {
@@ -227,7 +227,7 @@ impl Submitting<'_> {
         let workers = cores * workers_of_a_core(&session.settings.device);
         let mut arguments = worker_arguments(session, &specs, &store, workers);
         arguments.extend(words(&self.how.limits, self.how.fail_fast));
-        // Who hands programs over has agreed to them.
+        // The person who submits programs has consented to them.
         let starts = |one: &Planned| programs::has_programs(self.how.session.registry, &one.plan);
         arguments.extend(self.planned.iter().any(starts).then(|| "--yes".to_owned()));
         let program = std::env::current_exe().map_err(|source| Error::NoProgram {
@@ -246,7 +246,7 @@ impl Submitting<'_> {
         ))
     }
 
-    /// The script or manifest for the trials that are missing now; no queue is asked and nothing is changed.
+    /// The script or manifest for the trials that are missing now. It does not contact the queue and changes nothing.
     fn written(&self) -> Result<String, Failure> {
         let executor = self.how.session.settings.executor(self.kind, None)?;
         let (store, work) = self.work(&*executor)?;
@@ -276,13 +276,13 @@ impl Submitting<'_> {
     }
 }
 
-/// Submits what lacks and says what is followed.
+/// Submits the trials that no task holds, and reports the submissions that are followed.
 fn begin(dispatch: &Dispatch<'_>, watching: &mut Watching<'_>) -> Result<View, Error> {
     let before = executor::open(&dispatch.store)?;
     let before: BTreeSet<String> = before.into_iter().map(|submission| submission.id).collect();
     let view = dispatch.begin(&watching.missing(), watching)?;
     for holding in &view.live {
-        // A living submission that existed before is followed; a new one was submitted just now.
+        // A live submission that existed before is followed; a new one was submitted just now.
         let existed = before.contains(&holding.submission.id) && !holding.tasks.is_empty();
         let word = if existed { "following" } else { "submitted" };
         watching.say(&format!("{word} {}", describe(&holding.submission)));
@@ -290,7 +290,7 @@ fn begin(dispatch: &Dispatch<'_>, watching: &mut Watching<'_>) -> Result<View, E
     Ok(view)
 }
 
-/// A record that cannot be read hides no other one: it is set aside, and that is said.
+/// Sets aside unreadable records with a warning, so that they hide no other record.
 fn set_aside_damaged(session: &Session<'_>, store: &Path) -> Result<(), Error> {
     let found = executor::heal(store)?;
     let aside = found.aside.unwrap_or_default();
@@ -304,7 +304,7 @@ fn set_aside_damaged(session: &Session<'_>, store: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// The words by which a queue starts a worker.
+/// The arguments with which a queue starts a worker.
 fn worker_arguments(session: &Session<'_>, specs: &[PathBuf], store: &Path, jobs: usize) -> Vec<String> {
     let text = |path: &Path| path.to_string_lossy().into_owned();
     let mut all = vec!["worker".to_owned()];
@@ -341,19 +341,19 @@ fn ids(planned: &[Planned]) -> BTreeSet<String> {
         .collect()
 }
 
-/// The path from the root, since a worker on another machine knows nothing of this folder. Links stay as they
-/// are: what they point to may lie elsewhere there.
+/// The absolute path, since a worker on another machine does not know the current folder. Links are not resolved,
+/// because their targets may lie elsewhere there.
 fn absolute(path: &Path) -> Result<PathBuf, Failure> {
     std::path::absolute(path).map_err(|source| Failure::from(contract::Error::file("find", path)(source)))
 }
 
-/// Shows trials as they end in the store, and the queue as it changes.
+/// Reports trials as they end in the store, and changes of the queue.
 struct Watching<'a> {
     tasks: &'a [scheduler::Task<'a>],
     left: BTreeSet<usize>,
     store: Store,
     follower: Box<dyn Follower + 'a>,
-    /// The name of the queue, and the last summary of it.
+    /// The name of the queue. `queue` holds its last summary.
     title: &'static str,
     queue: String,
 }
@@ -385,15 +385,14 @@ impl Watch for Watching<'_> {
                     follower.hear(&Event::Ended { slot: 0, trial, end });
                     false
                 }
-                // A trial that came to its pause, and was left there, waits for what the others come to.
+                // A trial that was left at its pause waits for the results of the others.
                 _ if has_paused(&tasks[trial], store) && store.running(&tasks[trial].trial.id).is_none() => {
                     follower.hear(&Event::Paused { slot: 0, trial });
                     false
                 }
                 _ => true,
             });
-        // A trial that takes from trials still to come needs no worker yet, and none at all where they never
-        // end well.
+        // A trial whose sources are missing needs no worker yet, and never needs one if a source fails.
         let ready = self
             .left
             .iter()

@@ -1,4 +1,4 @@
-//! Stored trials computed again, beside the store, and their digests compared.
+//! Computes stored trials again, beside the store, and compares their digests.
 
 use crate::{
     Exit, Failure, Session,
@@ -21,17 +21,17 @@ use std::{
 };
 use study::plan::Plan;
 
-/// Version of the receipt's form.
+/// Schema version of the receipt.
 const SCHEMA: u32 = 1;
 
-/// The trials that are computed again, and how.
+/// The trials to compute again, and options of the computation.
 #[derive(Debug, Clone, Default)]
 pub struct VerifyOptions {
-    /// So many trials, drawn by the seed; all where absent.
+    /// Number of trials to draw at random; all where absent.
     pub sample: Option<usize>,
     /// Seed of the sample: the same seed draws the same trials.
     pub seed: u64,
-    /// Worker processes; as the machine says where absent.
+    /// Number of worker processes; the machine's setting where absent.
     pub jobs: Option<usize>,
     /// Limits that replace those of study and machine.
     pub limits: Limits,
@@ -41,14 +41,14 @@ pub struct VerifyOptions {
 struct Candidate {
     trial: Arc<Trial>,
     limits: Arc<Limits>,
-    /// The step of the pause up to which it is computed; `None` for one that has ended.
+    /// The step of the pause up to which it is computed; `None` for a trial that has ended.
     until: Option<u64>,
 }
 
 /// The stored trials that can be computed again, and those that cannot.
 #[derive(Default)]
 pub struct Verifiable {
-    /// By id.
+    /// The trials that can be computed again, by id.
     candidates: BTreeMap<String, Candidate>,
     /// Trials that cannot be computed again.
     others: Vec<ReceiptEntry>,
@@ -58,10 +58,10 @@ pub struct Verifiable {
 }
 
 impl Session<'_> {
-    /// The trials of the studies that can be computed again; those of the whole store where no study is selected.
+    /// The stored trials of the studies, or of the whole store if no study is selected.
     ///
     /// # Errors
-    /// Where there is none, and a store that cannot be read.
+    /// Fails if there is no stored trial, and for a store that cannot be read.
     pub fn verifiable(&self, options: &VerifyOptions) -> Result<Verifiable, Failure> {
         let (how, store) = (self.again_by(options), self.store()?);
         let found = match self.selection.specs.is_empty() {
@@ -86,10 +86,10 @@ impl Session<'_> {
         programs::of_trials(self.registry, trials, self.selection.specs.first())
     }
 
-    /// Computes trials again, beside the store, and compares what they came to.
+    /// Computes trials again, beside the store, and compares the results with the stored ones.
     ///
     /// # Errors
-    /// Trials that do not fit the machine, and stores that cannot be written.
+    /// Trials that do not fit on the machine, and stores that cannot be written.
     pub fn verify(&self, found: Verifiable, options: &VerifyOptions) -> Result<Receipt, Failure> {
         receipt(&self.again_by(options), found, self.store()?, options)
     }
@@ -102,7 +102,7 @@ impl Session<'_> {
     }
 }
 
-/// How a command ends with this receipt.
+/// The exit of a command with this receipt.
 #[must_use]
 pub fn exit_of_receipt(receipt: &Receipt) -> Exit {
     if receipt.count(|it| matches!(it, VerificationOutcome::Different { .. })) > 0 {
@@ -114,7 +114,7 @@ pub fn exit_of_receipt(receipt: &Receipt) -> Exit {
     }
 }
 
-/// The trials of studies that are stored.
+/// The stored trials of studies.
 fn of_studies(how: &Compute<'_>, store: &Store) -> Result<Verifiable, Failure> {
     let mut found = Verifiable::default();
     let mut absent: BTreeMap<String, Arc<Trial>> = BTreeMap::new();
@@ -129,7 +129,7 @@ fn of_studies(how: &Compute<'_>, store: &Store) -> Result<Verifiable, Failure> {
             }
         }
         for trial in one.plan.trials {
-            // Studies and settings share trials.
+            // Studies and settings may share trials.
             if !seen.insert(trial.id.clone()) {
                 continue;
             }
@@ -184,7 +184,7 @@ fn entry(trial: &Trial, outcome: VerificationOutcome) -> ReceiptEntry {
 }
 
 impl Verifiable {
-    /// Takes a trial in, whatever is stored of it; gives it back where nothing is.
+    /// Takes in a trial that the store knows; returns a trial of which nothing is stored.
     fn look(
         &mut self,
         trial: Arc<Trial>,
@@ -192,7 +192,7 @@ impl Verifiable {
         store: &Store,
     ) -> Result<Option<Arc<Trial>>, Failure> {
         match store.end(&trial.id) {
-            // Its record at a pause may be damaged.
+            // The trial's record at a pause may be damaged.
             Ok(None) => match store.partial(&trial.id) {
                 Err(Error::Damaged { .. }) => self.look_at_pause(&trial, limits, store)?,
                 _ => return Ok(Some(trial)),
@@ -228,7 +228,7 @@ impl Verifiable {
                 };
                 self.candidates.insert(trial.id.clone(), candidate);
             }
-            // It has failed since, or no more than its log is there.
+            // The trial has failed since, or only its log is stored.
             Ok(_) => self.not_ok += 1,
             Err(error @ Error::Damaged { .. }) => {
                 let problem = error.to_string();
@@ -240,7 +240,7 @@ impl Verifiable {
         Ok(())
     }
 
-    /// A trial whose acknowledgement is damaged; one that has none has not run.
+    /// Takes in a trial whose acknowledgement is damaged. A trial without an acknowledgement has not run.
     fn unreadable(&mut self, id: &str, store: &Store) {
         if let Err(error) = store.file(id).and(store.partial(id).map(drop)) {
             self.others.push(ReceiptEntry {
@@ -258,7 +258,7 @@ impl Verifiable {
         }
     }
 
-    /// Finds stored trials that other versions of plugins computed instead of the missing ones.
+    /// Finds stored trials that other versions of plugins computed in place of the missing ones.
     fn of_other_versions(
         &mut self,
         absent: &BTreeMap<String, Arc<Trial>>,
@@ -309,7 +309,7 @@ fn receipt(
     })
 }
 
-/// Computes trials again, round by round, each round in a store of its own that is thrown away.
+/// Computes trials again, round by round, each round in a temporary store.
 fn compute(how: &Compute<'_>, drawn: &[&Candidate], store: &Store) -> Result<Vec<ReceiptEntry>, Failure> {
     let trials: Vec<&Trial> = drawn.iter().map(|candidate| &*candidate.trial).collect();
     let mut entries: BTreeMap<usize, ReceiptEntry> = BTreeMap::new();
@@ -364,14 +364,14 @@ fn one_round(
     Ok(entries)
 }
 
-/// The problem of a trial before it has ended.
+/// The problem of a trial that has not ended yet.
 const NOT_ENDED: &str = "it did not end";
 
 fn is_open(entry: &ReceiptEntry) -> bool {
     matches!(&entry.outcome, VerificationOutcome::NotComputed { problem } if problem == NOT_ENDED)
 }
 
-/// The file that acknowledges a trial in a store, at its end or at its pause, once all that it names was looked at.
+/// The file that acknowledges a trial in a store, at its end or at its pause, after its files were checked.
 fn stored_of(member: &Candidate, store: &Store) -> Result<Option<TrialFile>, Error> {
     match member.until {
         None => store.sound(&member.trial.id),
@@ -379,7 +379,8 @@ fn stored_of(member: &Candidate, store: &Store) -> Result<Option<TrialFile>, Err
     }
 }
 
-/// Checks what is stored of a trial, and lends what it takes to the store in which it is computed.
+/// Checks the stored files of a trial, and makes the artifacts that it takes available in the store in which it is
+/// computed.
 fn begun(member: &Candidate, store: &Store, beside: &Store) -> ReceiptEntry {
     let trial = &*member.trial;
     let open = entry(

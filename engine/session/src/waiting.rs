@@ -1,5 +1,5 @@
-//! The reasons why missing trials wait: artifacts of other trials that are to come, or that will not come by
-//! themselves.
+//! The reasons why missing trials wait: they take artifacts of other trials that are still missing, or that will stay
+//! missing without an action of the user.
 
 use contract::{
     trial::Trial,
@@ -13,32 +13,32 @@ use std::{
     sync::Arc,
 };
 
-/// Missing trials that take what other trials leave.
+/// Missing trials that take artifacts of other trials.
 #[derive(Debug, Default)]
 pub struct Waiting {
-    /// How many take what is still to come.
+    /// Number of trials whose artifacts are still to come.
     to_come: usize,
-    /// Why others are blocked, and how many for that reason.
+    /// The reasons why other trials are blocked, with the number of trials for each.
     because: BTreeMap<String, usize>,
-    /// Those that are blocked, by their places among the trials.
+    /// Blocked trials, by their places among the trials.
     blocked: BTreeSet<usize>,
 }
 
-/// Whether what a trial leaves can be taken.
+/// Availability of the artifact of a trial.
 #[derive(Debug, Clone, PartialEq)]
 enum Availability {
-    /// It is there.
+    /// The artifact is stored.
     There,
-    /// The trial is missing.
+    /// The trial is missing and will run.
     ToCome,
-    /// It will not come by itself, and why.
+    /// The artifact will not come by itself, for this reason.
     Never(String),
 }
 
 impl Waiting {
-    /// Looks at what every missing trial takes.
+    /// Examines the artifacts that every missing trial takes.
     pub(crate) fn of(trials: &[Arc<Trial>], ends: &[Option<TrialEnd>], store: &Store) -> Self {
-        // Where nothing takes anything, nothing is looked up.
+        // If no trial takes an artifact, there is nothing to look up.
         if !trials.iter().any(|trial| trial.key.takes()) {
             return Self::default();
         }
@@ -67,13 +67,13 @@ impl Waiting {
         waiting
     }
 
-    /// True for a trial, by its place, that does not run by itself.
+    /// True if the trial at this place will not run by itself.
     #[must_use]
     pub fn is_blocked(&self, place: usize) -> bool {
         self.blocked.contains(&place)
     }
 
-    /// A line each, for people.
+    /// The reasons as lines for people.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
         let verb = either(&self.to_come, "waits", "wait");
@@ -86,7 +86,7 @@ impl Waiting {
         to_come.into_iter().chain(blocked).collect()
     }
 
-    /// The same for programs.
+    /// The reasons as JSON for programs.
     #[must_use]
     pub fn to_json(&self) -> Value {
         let blocked = self
@@ -104,13 +104,13 @@ struct Known<'a> {
 }
 
 impl Known<'_> {
-    /// The obstacle of a trial: an artifact that never comes counts before one that is to come.
+    /// The obstacle of a trial. An artifact that will never come takes precedence over one that is still to come.
     fn of_all(&mut self, trial: &Trial) -> Availability {
         let mut answer = Availability::There;
         for taken in trial.key.taken() {
             let left = self.source(&taken.trial);
             let left = match left {
-                // It ended well; what it left may still be damaged or of another kind.
+                // The trial ended `ok`; its artifact may still be damaged or of another kind.
                 Availability::There => self.store.artifact(&taken).map_or_else(
                     |error| Availability::Never(error.to_string()),
                     |_| Availability::There,
@@ -126,7 +126,7 @@ impl Known<'_> {
         answer
     }
 
-    /// How a source ended or, where it is missing, whether it can run.
+    /// The end of a source or, if it is missing, whether it can run.
     fn source(&mut self, id: &str) -> Availability {
         if let Some(known) = self.seen.get(id) {
             return known.clone();

@@ -1,4 +1,4 @@
-//! Folders that appear whole or not at all.
+//! Folders that are written atomically.
 
 use crate::Failure;
 use contract::Error;
@@ -8,17 +8,17 @@ use execution::{
 };
 use std::path::{Path, PathBuf};
 
-/// A folder that appears whole or not at all: it is filled beside its place and renamed.
+/// A folder that appears as a whole or not at all: it is filled beside its final path and renamed at the end.
 pub struct Whole {
     folder: PathBuf,
     to: PathBuf,
 }
 
 impl Whole {
-    /// Begins a folder.
+    /// Begins a folder beside `to`.
     ///
     /// # Errors
-    /// A folder that is not empty, or cannot be made.
+    /// A folder that is not empty, or cannot be created.
     pub fn begin(to: &Path) -> Result<Self, Failure> {
         if !store::names(to)?.is_empty() {
             return Err(Failure::refusal(format!(
@@ -39,27 +39,25 @@ impl Whole {
         Ok(Self { folder, to })
     }
 
-    /// Where it is filled.
     /// The folder to be filled.
     #[must_use]
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Lets it appear.
-    /// Puts it in its place.
+    /// Moves the folder to its final path.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be renamed.
+    /// [`Error::File`] if it cannot be renamed.
     pub fn end(self) -> Result<(), Error> {
-        // An empty folder of the name is in the way of none.
+        // An empty folder of that name does not prevent the renaming.
         fs::rename(&self.folder, &self.to).map_err(Error::file("rename to", &self.to))
     }
 }
 
 impl Drop for Whole {
     fn drop(&mut self) {
-        // Where it was renamed there is nothing; where something went wrong, half a folder helps nobody.
+        // After the renaming nothing is left here; after a failure, a partial folder is of no use.
         let _ = fs::remove_dir_all(&self.folder);
     }
 }

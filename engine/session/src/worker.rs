@@ -1,4 +1,4 @@
-//! Processes that a run starts of the same program.
+//! Processes of the same program that a run starts.
 
 use crate::Failure;
 use contract::{Registry, panics};
@@ -6,20 +6,20 @@ use document::{input_file, reach};
 use execution::{device, guard, scheduler};
 use std::process::ExitCode;
 
-/// Serves where this process was started by a run: as the guard of a program, as the process of a device, or as a worker
-/// that computes trials. A
-/// program that opens a session asks this first, since a run starts the program itself again, once a core.
+/// Serves if a run started this process: as the guard of a program, as the process of a device, or as a worker that
+/// computes trials. A program that opens a session calls this first, because a run starts the program itself again,
+/// once for each core.
 ///
-/// `None` where a person started it.
+/// `None` if a person started it.
 ///
 /// # Errors
-/// A run that cannot be heard or answered any more.
+/// Fails if the run can no longer be reached.
 #[expect(
     clippy::disallowed_methods,
     reason = "the run says by variables how large files may be, and where its device is"
 )]
 pub fn serve_if_asked(registry: impl FnOnce() -> Registry) -> Option<Result<ExitCode, Failure>> {
-    // Once for every trial of a program, before anything is built.
+    // Guards run once for every trial of a program, so they are served before anything is built.
     if let Some(code) = guard::serve_if_asked() {
         return Some(Ok(code));
     }

@@ -1,4 +1,4 @@
-//! Computes the missing trials of studies on this machine, and says what happens.
+//! Computes the missing trials of studies on this machine and reports events to the observer.
 
 mod prepare;
 
@@ -29,7 +29,7 @@ use std::{
     },
 };
 
-/// How to compute.
+/// Settings of a computation.
 pub(crate) struct Compute<'a> {
     /// The studies and the machine.
     pub(crate) session: &'a Session<'a>,
@@ -43,11 +43,11 @@ pub(crate) struct Compute<'a> {
     pub(crate) hosts: Hosts,
     /// The device of learners; none where they compute in the worker processes.
     pub(crate) device: Option<&'a DeviceKind>,
-    /// The processes of the device, once a trial was to run.
+    /// The processes of the device; empty until the first trial is about to run.
     pub(crate) servers: OnceCell<Vec<Server>>,
-    /// Whether trials that ended otherwise than `ok` run again.
+    /// Whether trials that ended in another state than `ok` run again.
     pub(crate) retry_failed: bool,
-    /// Whether this is the whole command and not a part of one: it looks at what is stored before, and waits
+    /// Whether this is the whole command and not a part of one. The whole command checks stored trials first and waits
     /// for trials that other programs run.
     pub(crate) whole: bool,
 }
@@ -55,11 +55,12 @@ pub(crate) struct Compute<'a> {
 /// Facts on a run that its store does not hold.
 #[derive(Default)]
 pub(crate) struct Ran {
-    /// Whether some of its trials ended otherwise than `ok`.
+    /// Whether a trial of the run ended in another state than `ok`.
     failed: bool,
-    /// Whether it was asked to stop.
+    /// Whether the run was asked to stop.
     pub(crate) stopped: bool,
-    /// Trials that could not begin for want of what they take, by their places in the list of tasks.
+    /// Trials that could not begin because an artifact that they take was missing, by their places in the list of
+    /// tasks.
     blocked: BTreeSet<usize>,
 }
 
@@ -76,7 +77,7 @@ impl Ran {
 }
 
 impl<'a> Compute<'a> {
-    /// The whole command, on so many worker processes of this machine.
+    /// The whole command, on `workers` worker processes of this machine.
     pub(crate) fn of(session: &'a Session<'a>, workers: usize) -> Self {
         Self {
             session,
@@ -93,8 +94,8 @@ impl<'a> Compute<'a> {
 }
 
 impl Compute<'_> {
-    /// Runs the trials that are missing (of those that `mine` picks by position); 106 where some still are,
-    /// 100 where some of them failed.
+    /// Runs the missing trials that `mine` picks by position. Exit code 106 if trials are still missing, 100 if a trial
+    /// failed.
     pub(crate) fn run(&self, planned: &[Planned], mine: impl Fn(usize) -> bool) -> Result<Exit, Failure> {
         let store = self
             .session
@@ -102,7 +103,7 @@ impl Compute<'_> {
             .clone()
             .by(self.session.registry.build.clone());
         let ends = self.prepare(planned, &store)?;
-        // Damaged trials are set aside by now.
+        // Damaged trials have been set aside at this point.
         self.bring(planned, &store)?;
         let mut tasks = self.tasks(planned, &ends, mine);
         tasks.extend(self.unsealed(planned, &store));
@@ -144,7 +145,7 @@ impl Compute<'_> {
         Ok(self.exit(&left, &store, &ran))
     }
 
-    /// Brings what has ended here and is not shared yet into the bucket, where there is one.
+    /// Copies trials that ended here and are not shared yet into the bucket, if there is one.
     fn bring(&self, planned: &[Planned], store: &Store) -> Result<(), Failure> {
         let trials = planned
             .iter()
@@ -157,7 +158,7 @@ impl Compute<'_> {
         Ok(())
     }
 
-    /// How many processes run so many tasks, in words.
+    /// The number of processes that run `tasks` tasks, in words.
     pub(crate) fn processes(&self, tasks: usize) -> String {
         let processes = self.workers.min(tasks);
         let of_hosts = match self.hosts.all.len() {
@@ -172,12 +173,12 @@ impl Compute<'_> {
         )
     }
 
-    /// Runs the tasks; the observer follows.
+    /// Runs the tasks; the observer receives the events.
     pub(crate) fn work(&self, tasks: &[Task<'_>], store: &Store) -> Result<Ran, Failure> {
         self.followed_by(self.session.observer, tasks, store)
     }
 
-    /// Runs the tasks without a word.
+    /// Runs the tasks without reporting to the observer.
     pub(crate) fn work_quietly(&self, tasks: &[Task<'_>], store: &Store) -> Result<Ran, Failure> {
         self.followed_by(&Silent, tasks, store)
     }
@@ -211,7 +212,7 @@ impl Compute<'_> {
         Ok(ran)
     }
 
-    /// The sentence where no trial is missing.
+    /// The message if no trial is missing.
     pub(crate) fn nothing_runs(&self, planned: &[Planned], ends: &Ends) -> String {
         let failed = self.failed(of_all(planned, ends));
         failed.map_or_else(
@@ -225,8 +226,8 @@ impl Compute<'_> {
         failed_in_words(ends, &self.session.again())
     }
 
-    /// The exit, from the trials that are left, each with whether it could not begin for want of what
-    /// they take.
+    /// The exit, from the trials that are left. The flag beside a trial says whether an artifact that it takes was
+    /// missing.
     fn exit(&self, left: &[(&Task<'_>, bool)], store: &Store, ran: &Ran) -> Exit {
         let elsewhere = left
             .iter()
@@ -257,7 +258,7 @@ impl Compute<'_> {
                 either(&ours, "is", "are")
             ));
         }
-        // A worker leaves to others what takes from their trials.
+        // A worker leaves blocked trials to other workers.
         match (ours > 0 || unready > 0 && self.whole, ran.failed) {
             (true, true) if self.fail_fast && !ran.stopped => Exit::TrialsFailed,
             (true, _) => Exit::Incomplete,
@@ -266,7 +267,7 @@ impl Compute<'_> {
         }
     }
 
-    /// Opens the device of learners, where one is wanted and none is open.
+    /// Opens the device of learners if one is needed and none is open.
     fn open_device(&self) -> Result<(), Failure> {
         if let (Some(kind), None) = (self.device, self.servers.get()) {
             let servers = device::open(kind, &self.session.settings.gpus)?;
@@ -300,7 +301,7 @@ impl Compute<'_> {
         }
     }
 
-    /// The trials to run, each once though several studies share it.
+    /// The trials to run. A trial that several studies share is listed once.
     pub(crate) fn tasks<'p>(
         &self,
         planned: &'p [Planned],
@@ -315,15 +316,15 @@ impl Compute<'_> {
                 one.plan.trials.iter().zip(&one.costs).zip(ends).enumerate()
             {
                 let after = trial.key.sources();
-                // A part of the trials may lack what the other parts leave: the part that finds it there runs what
-                // takes it.
+                // A part of the trials may lack artifacts that other parts leave, so every part lists the trials that
+                // take artifacts; the part that finds the artifacts runs them.
                 let mine = mine(position) || !after.is_empty();
                 if !mine || !is_missing(end.as_ref()) {
                     continue;
                 }
                 let until = one.pauses.get(&trial.id).copied();
                 if let Some(place) = seen.get(trial.id.as_str()) {
-                    // A trial that one study needs whole goes to its end.
+                    // If one study needs the trial to its end, it runs to its end.
                     let task = &mut tasks[*place];
                     task.until = task.until.zip(until).map(|(one, other)| one.max(other));
                 } else {
@@ -345,8 +346,8 @@ impl Compute<'_> {
         tasks
     }
 
-    /// The trials whose measurement at their pause lies in their logs alone, since an earlier program left it
-    /// there or this one was killed: they go on from their checkpoints for a moment, and it is stored.
+    /// The trials whose measurement at their pause exists only in their logs, because an earlier program left it there
+    /// or this one was killed. They resume from their checkpoints briefly, and the measurement is stored.
     fn unsealed<'p>(&self, planned: &'p [Planned], store: &Store) -> Vec<Task<'p>> {
         let of_study = |one: &'p Planned| {
             let limits = Arc::new(self.limits_of(&one.study.limits));
@@ -369,7 +370,7 @@ impl Compute<'_> {
             .collect()
     }
 
-    /// Refuses trials that fit no machine.
+    /// Refuses trials whose needs no machine meets.
     pub(crate) fn refuse_unfit(&self, tasks: &[Task<'_>]) -> Result<(), Failure> {
         let machines = match &self.hosts.all[..] {
             [] => Machines::here(&self.session.settings, self.workers),
@@ -383,7 +384,7 @@ impl Compute<'_> {
         self.session.registry.needs(trial.key.agent.agent())
     }
 
-    /// The study's limits, tightened by the machine's, and what the command line says in their place.
+    /// The study's limits, tightened by the machine's limits and replaced by those of the command line.
     pub(crate) fn limits_of(&self, study: &Limits) -> Limits {
         let (held, said) = (study.on(&self.session.settings.limits), &self.limits);
         Limits {
@@ -397,7 +398,7 @@ impl Compute<'_> {
     }
 }
 
-/// Of how many trials those are that run, where others are there already; empty where none is.
+/// The total after the number of trials that run, as ` of 12`; empty if all of them run.
 fn of_how_many(planned: &[Planned], tasks: usize) -> String {
     let ids: BTreeSet<&str> = planned
         .iter()
@@ -411,14 +412,14 @@ fn of_how_many(planned: &[Planned], tasks: usize) -> String {
     }
 }
 
-/// Whether a trial has come to its pause, and what it measured there is stored.
+/// Whether a trial has reached its pause and its measurement there is stored.
 pub(crate) fn has_paused(task: &Task<'_>, store: &Store) -> bool {
     let measured = || store.measured_until(&task.trial.id);
     task.until
         .is_some_and(|until| measured().is_some_and(|step| step >= until))
 }
 
-/// How fast trials went that are stored.
+/// The pace of the stored trials.
 fn paces<'p>(planned: &'p [Planned], ends: &Ends) -> Paces<'p> {
     let trials = planned.iter().zip(ends).flat_map(|(one, ends)| {
         let trials = one.plan.trials.iter().zip(&one.costs).zip(ends);

@@ -1,5 +1,5 @@
-//! Before trials run: what is damaged is set aside, and what is to be tried again is marked, so that both are
-//! missing for this command and for every later one.
+//! Preparation before trials run: damaged trials are set aside and trials to be repeated are marked, so that this
+//! command and every later one count both as missing.
 
 use super::Compute;
 use crate::{Failure, Planned, Session};
@@ -19,7 +19,7 @@ use std::{
 pub(crate) type Ends = Vec<Vec<Option<TrialEnd>>>;
 
 impl Compute<'_> {
-    /// Makes the store ready for running `planned` and answers how its trials have ended so far.
+    /// Makes the store ready for running `planned` and returns the ends of its trials so far.
     pub(crate) fn prepare(&self, planned: &[Planned], store: &Store) -> Result<Ends, Failure> {
         let mut damaged = BTreeSet::new();
         let mut ends: Ends = Vec::new();
@@ -60,7 +60,7 @@ impl Compute<'_> {
         Ok(())
     }
 
-    /// Marks the trials that did not end `ok`; those that another program has are left to it.
+    /// Marks the trials that did not end `ok`. Trials that another program runs are left alone.
     fn try_again<'p>(
         &self,
         planned: &'p [Planned],
@@ -94,8 +94,8 @@ impl Compute<'_> {
     }
 }
 
-/// Makes a failed trial missing. Another program may have done so, or ended it well, before its lease was
-/// taken.
+/// Makes a failed trial missing. Before this program held the lease, another program may have done so already, or
+/// computed the trial with success.
 fn mark(id: &str, store: &Store) -> Result<(), Error> {
     if has_failed(store.end(id)?.as_ref()) {
         store.try_again(id)
@@ -104,13 +104,13 @@ fn mark(id: &str, store: &Store) -> Result<(), Error> {
     }
 }
 
-/// True where a trial ended in a state in which it stays until somebody asks for it again.
+/// True if a trial ended in a state that is kept until somebody asks for a repetition.
 fn has_failed(end: Option<&TrialEnd>) -> bool {
     !is_missing(end) && end.is_some_and(|end| end.state != EndState::Ok)
 }
 
-/// How many trials failed, by state, and what runs them again; `None` where none did. A trial of several
-/// studies counts once.
+/// The number of failed trials by state, and the command that runs them again; `None` if no trial failed. A trial of
+/// several studies counts once.
 #[must_use]
 pub fn failed_in_words<'a>(
     ends: impl Iterator<Item = (&'a str, Option<&'a TrialEnd>)>,
@@ -138,8 +138,7 @@ pub fn failed_in_words<'a>(
     (!states.is_empty()).then(words)
 }
 
-/// Trials of the studies whose metrics, which the report will read, or whose artifacts, which missing trials
-/// take, are damaged.
+/// Trials with damaged files: metrics that the report will read, or artifacts that missing trials take.
 fn damaged_files<'p>(planned: &'p [Planned], ends: &Ends, store: &Store) -> BTreeSet<&'p str> {
     let trials = || {
         planned
@@ -147,7 +146,7 @@ fn damaged_files<'p>(planned: &'p [Planned], ends: &Ends, store: &Store) -> BTre
             .flat_map(|one| &one.plan.trials)
             .zip(ends.iter().flatten())
     };
-    // A trial that stands in several studies or settings is looked at once.
+    // A trial that belongs to several studies or settings is checked once.
     let ended: BTreeMap<&str, &TrialEnd> = trials()
         .filter_map(|(trial, end)| Some((&*trial.id, end.as_ref()?)))
         .collect();

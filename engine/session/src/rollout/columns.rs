@@ -1,8 +1,8 @@
-//! The columns of a rollout and what stands in them.
+//! The columns of a rollout and their values.
 
 use contract::{Action, End, Environment, Seat, Step};
 
-/// Which columns a rollout has.
+/// The columns of a rollout.
 pub(super) struct Columns {
     trace: Vec<String>,
     actions: Vec<(String, (usize, usize))>,
@@ -47,8 +47,7 @@ impl Columns {
             .collect()
     }
 
-    /// The row of the start; `None` where there is nothing to write of it, as where every decision is a point by
-    /// itself.
+    /// The row of the start; `None` if it would be empty, for example if every decision is a point by itself.
     pub(super) fn start(&self, environment: &dyn Environment, seats: &[Vec<f64>]) -> Option<Vec<String>> {
         let blank = !self.trace.is_empty() && environment.trace().iter().all(|value| value.is_nan());
         (!blank).then(|| self.row(environment, seats, 0, None))
@@ -102,7 +101,7 @@ pub(super) fn blank_action(seats: &[Seat]) -> Action {
     seats.iter().map(|seat| vec![0.0; seat.action.len()]).collect()
 }
 
-/// Column name, seat and entry of what named seats observe.
+/// Column name, seat and entry of the observations of named seats.
 fn observation_names(seats: &[Seat]) -> Vec<(String, (usize, usize))> {
     let named = seats.iter().enumerate().filter(|(_, seat)| !seat.name.is_empty());
     let entries = |(index, seat): (usize, &Seat)| {

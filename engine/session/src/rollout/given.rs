@@ -1,4 +1,4 @@
-//! Actions that a person gives, read from a CSV file.
+//! Given actions, read from a CSV file.
 
 use super::columns::{action_names, blank_action};
 use contract::{Action, Error, Seat};
@@ -9,8 +9,8 @@ use std::{collections::BTreeMap, path::Path};
 /// any order.
 ///
 /// # Errors
-/// [`Error::Input`] with file, line and column for a column that is missing, unknown or there twice, a line
-/// of another length and a cell that is no number; [`Error::File`] where the file cannot be read.
+/// [`Error::Input`] with file, line and column for a missing, unknown or duplicate column, a line of another length,
+/// and a cell that is not a number; [`Error::File`] if the file cannot be read.
 pub fn read_actions(seats: &[Seat], path: &Path) -> Result<Vec<Action>, Error> {
     let file = input_file::open(path, Use::Text).map_err(Error::file("read", path))?;
     let mut reader = csv::Reader::from_reader(file);

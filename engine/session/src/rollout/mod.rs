@@ -1,10 +1,10 @@
-//! Drives one environment with given actions, a registered agent or the policy of a stored trial and writes
-//! what happened, a row per decision.
+//! Runs one environment with given actions, a registered agent or the policy of a stored trial, and writes one row for
+//! each decision.
 //!
-//! Columns: `decision`, the environment's trace channels, the action channels that the trace does not hold
-//! already, `reward` (one per seat), `end` (`terminated`, `truncated` or empty). Row 0 is the start, where the
-//! trace says something of it. Where seats have names, a seat's columns carry its name in front, as in
-//! `agent_0.reward`, and what it observed follows the rewards, as `agent_0.obs_0`, ...
+//! Columns: `decision`, the environment's trace channels, the action channels that the trace does not hold already,
+//! `reward` (one per seat), `end` (`terminated`, `truncated` or empty). Row 0 is the start, if the trace has values for
+//! it. If seats have names, each column of a seat begins with its name, as in `agent_0.reward`, and its observations
+//! follow the rewards, as `agent_0.obs_0`, ...
 
 mod columns;
 mod given;
@@ -34,7 +34,7 @@ pub struct EnvironmentRollout<'a> {
     pub environment: &'a str,
     /// YAML file with its config; defaults where absent.
     pub config: Option<&'a Path>,
-    /// Decides.
+    /// The source of the actions.
     pub decider: &'a Decider,
     /// Seed of the environment's and the agent's random numbers.
     pub seed: u64,
@@ -42,14 +42,14 @@ pub struct EnvironmentRollout<'a> {
     pub decisions: u64,
 }
 
-/// Decides in an environment.
+/// The source of the actions in an environment.
 #[derive(Debug, Clone)]
 pub enum Decider {
     /// A CSV file with one column per action channel and one row per decision.
     File(PathBuf),
     /// A registered agent; one that learns needs a policy.
     Agent {
-        /// Its name; `None` where the policy lies beside the `trial.json` that says it.
+        /// Its name; `None` to use the name in the `trial.json` beside the policy.
         name: Option<String>,
         /// YAML file with its config.
         config: Option<PathBuf>,
@@ -62,20 +62,20 @@ pub enum Decider {
 pub struct TrialRollout<'a> {
     /// First digits of its id.
     pub trial: &'a str,
-    /// Name of the environment that the trial must be of, where one is expected.
+    /// Name of the expected environment of the trial; any where absent.
     pub environment: Option<&'a str>,
     /// The episode.
     pub episode: EpisodeChoice,
-    /// The most decisions that are kept.
+    /// Maximum number of rows for decisions.
     pub decisions: u64,
 }
 
 /// An episode of a trial.
 #[derive(Debug, Clone, Copy)]
 pub enum EpisodeChoice {
-    /// One of its final measurement, by its number.
+    /// An episode of its final measurement, by number.
     Measured(u64),
-    /// A new one, by its seed.
+    /// A new episode, by its seed.
     New(u64),
 }
 
@@ -112,7 +112,7 @@ pub fn of_environment(registry: &Registry, rollout: &EnvironmentRollout<'_>) -> 
     Ok(rows(&mut *environment, actions, rollout.seed)?)
 }
 
-/// An agent as a person names it.
+/// An agent as the command line names it.
 struct AskedAgent<'a> {
     name: Option<&'a str>,
     config: Option<&'a Path>,
@@ -120,7 +120,7 @@ struct AskedAgent<'a> {
 }
 
 impl AskedAgent<'_> {
-    /// The agent, with its policy where one is given.
+    /// The agent, with its policy if one is given.
     fn build(
         &self,
         registry: &Registry,
@@ -179,7 +179,7 @@ fn build(
     )?)
 }
 
-/// The agent of the trial that left the policy in a folder, where the folder says so.
+/// The agent of the trial that left the policy in a folder; `None` if the folder does not name it.
 fn left_by(folder: &Path) -> Result<Option<Part>, Failure> {
     let path = folder.join("trial.json");
     let Ok(text) = fs::read(&path) else {
@@ -206,7 +206,8 @@ fn take_up(agent: &mut dyn Agent, name: &str, folder: &Path) -> Result<(), Failu
 /// Plays an episode of a trial.
 ///
 /// # Errors
-/// Where the store holds no such trial, it is of another environment or plugin version, or it left no policy.
+/// Fails if the store holds no such trial, if the trial has another environment or plugin version, or if it left no
+/// policy.
 pub fn of_trial(registry: &Registry, store: &Store, rollout: &TrialRollout<'_>) -> Result<Rows, Failure> {
     let trial = stored(store, rollout.trial)?;
     let key = &trial.trial.key;
@@ -236,7 +237,7 @@ pub fn of_trial(registry: &Registry, store: &Store, rollout: &TrialRollout<'_>) 
     Ok(rows(&mut *environment, actions, seed)?)
 }
 
-/// The only trial of the store whose id begins with `prefix`, with what it recorded; it ended `ok`.
+/// The only trial of the store whose id begins with `prefix`, with its record; it ended `ok`.
 fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
     let (id, file) = one_trial::that_ended_well(store, prefix)?;
     Ok(store.load(&one_trial::named(&id, file.key).into())?)

@@ -1,15 +1,15 @@
-//! Episodes as they are played, and their rows.
+//! Plays episodes and makes their rows.
 
 use super::columns::Columns;
 use contract::{Action, Agent, Environment, Error, Mode, Observation, Rng, Step, dataset::Episode, random};
 use presentation::table::guarded_csv as guarded;
 use std::path::Path;
 
-/// Where actions come from.
+/// The source of actions.
 pub enum Actions<'a> {
-    /// Given ones, in order; the rollout ends with the last.
+    /// Given actions, in order; the rollout ends with the last.
     Given(Vec<Action>),
-    /// An agent's, until the episode ends or `decisions` were made.
+    /// The actions of an agent, until the episode ends or `decisions` were made.
     Agent {
         /// The agent.
         agent: &'a mut dyn Agent,
@@ -18,7 +18,7 @@ pub enum Actions<'a> {
     },
 }
 
-/// Writes rows as CSV, and returns the number of decisions in them: all but the header and the start.
+/// Writes rows as CSV, and returns the number of decisions in them: all rows but the header and the start.
 ///
 /// # Errors
 /// Error of the file system.
@@ -40,7 +40,7 @@ pub fn write(rows: &[Vec<String>], out: &Path) -> Result<u64, Error> {
     Ok(decisions.count() as u64)
 }
 
-/// Header and rows of a rollout, as text; numbers are written so that they read back to the same bits.
+/// Header and rows of a rollout, as text. Numbers are written so that reading them gives the same bits.
 ///
 /// # Errors
 /// Error of the environment.
@@ -69,8 +69,8 @@ pub fn rows(
     Ok(rows)
 }
 
-/// The episode that an agent plays in an environment, as [`rows`] writes it for the same seed. One that has
-/// not ended after `decisions` is cut off there.
+/// The episode that an agent plays in an environment, equal to that of [`rows`] with the same seed. An episode that has
+/// not ended after `decisions` is truncated there.
 ///
 /// # Errors
 /// Error of the environment.
@@ -97,17 +97,17 @@ pub fn episode(
     Ok(played)
 }
 
-/// A decision and what came of it.
+/// A decision and its outcome.
 struct Done<'a> {
     decision: u64,
     action: &'a Action,
     step: &'a Step,
 }
 
-/// Who listens to an episode: told of the environment, of what the seats see, and of the decision before.
+/// Callback for the start and for every step: the environment, the seats' observations, and the decision before them.
 type Told<'a> = dyn FnMut(&dyn Environment, &[Vec<f64>], Option<Done<'_>>) + 'a;
 
-/// Plays an episode to its end or to that of the actions.
+/// Plays an episode until it ends or the actions run out.
 fn play(
     environment: &mut dyn Environment,
     actions: &mut Actions<'_>,
@@ -165,7 +165,7 @@ impl Actions<'_> {
     }
 }
 
-/// An action that is refused, with the number of its decision.
+/// The error for a refused action, with the number of its decision.
 fn of_decision(error: Error, decision: u64) -> Error {
     match error {
         Error::Action { problem } => Error::Action {

@@ -1,8 +1,8 @@
 //! An episode of a stored trial's final measurement, played again as it was scored.
 //!
-//! The measurement itself runs again, all episodes of a block side by side, since a network of a
-//! program may round differently for another number of rows; one environment is watched. So the actions are those that
-//! were scored, to the bit.
+//! The measurement itself runs again with all episodes of a block side by side, because the network of a program may
+//! round differently for another number of rows. One environment is watched, so its actions are equal to the scored
+//! ones to the bit.
 
 use super::columns::Columns;
 use contract::{
@@ -20,8 +20,8 @@ use std::sync::mpsc::{Sender, channel};
 /// Header and rows of episode `episode` of the final measurement of a trial.
 ///
 /// # Errors
-/// [`Error::Source`] where the trial measured no such episode, was made by other versions of its plugins or
-/// left no policy that can be used.
+/// [`Error::Source`] if the trial measured no such episode, was made by other versions of its plugins, or left no
+/// usable policy.
 pub fn replay(
     trial: &TrialResult,
     episode: u64,
@@ -82,11 +82,10 @@ pub fn replay(
     Ok(rows.try_iter().collect())
 }
 
-/// The agent as a trial left it: built anew, with the acknowledged policy where it learns.
+/// The agent as a trial left it: built again, with the acknowledged policy if it learns.
 ///
 /// # Errors
-/// [`Error::Source`] where the policy is missing, damaged or of another form, and what the agent's
-/// constructor says.
+/// [`Error::Source`] if the policy is missing, damaged or of another form, and the errors of the agent's constructor.
 pub fn trained_agent(
     key: &TrialKey,
     registry: &Registry,
@@ -106,7 +105,7 @@ pub fn trained_agent(
     Ok(agent)
 }
 
-/// Training steps before the final measurement, and its episodes; `None` where no episodes were measured.
+/// Training steps before the final measurement, and its number of episodes; `None` if no episodes were measured.
 fn measured(trial: &TrialResult) -> Option<(u64, u64)> {
     let rows = || trial.select(Phase::Final, "return");
     Some((rows().next()?.step, rows().map(|row| row.episode + 1).max()?))
@@ -156,11 +155,11 @@ fn other_version(key: &TrialKey, registry: &Registry) -> Option<String> {
     (then != now).then(|| format!("it was made by version {then} of the numerics, this program has {now}"))
 }
 
-/// An environment that sends the rows of one episode: the one that begins with the random numbers `start`.
+/// An environment that sends the rows of one episode: the one that begins with the state `start` of the random numbers.
 struct Watched {
     inner: Box<dyn Environment>,
     start: Rng,
-    /// Columns and decisions so far, while it plays that episode.
+    /// Columns and number of decisions so far, while it plays that episode.
     watched: Option<(Columns, u64)>,
     sender: Sender<Vec<String>>,
 }
