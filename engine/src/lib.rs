@@ -1,9 +1,9 @@
-//! The engine for programs of others.
+//! The engine as a library for other programs.
 //!
-//! A plugin needs the contract, which stands here at the root: [`Environment`], [`Agent`], [`Protocol`] and what they
-//! are made of. Kinds of tables and figures stand on [`presentation`] and [`analysis`], executors on
-//! [`execution`]. A program enters its plugins into a [`Registry`] and hands it to [`cli::main`], or runs
-//! studies itself by [`session::Session`].
+//! A plugin needs the contract, which is exported here at the root: [`Environment`], [`Agent`], [`Protocol`] and their
+//! parts. Kinds of tables and figures build on [`presentation`] and [`analysis`], executors on [`execution`]. A program
+//! enters its plugins into a [`Registry`] and passes it to [`cli::main`], or runs studies itself with
+//! [`session::Session`].
 //!
 //! Data flows one way through the crates of the engine:
 //!

@@ -101,7 +101,7 @@ pub(super) fn of_study(study: &Verdicts) -> Option<Sheet> {
         answered,
     });
     let mut sheet = sheet(&lines.collect::<Vec<_>>());
-    // The page is the study's own, so it needs no column with the study.
+    // The page belongs to one study, so it needs no column with the study.
     sheet.head.pop();
     sheet.words -= 1;
     sheet.rows.iter_mut().for_each(|row| drop(row.pop()));

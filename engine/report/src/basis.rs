@@ -78,7 +78,7 @@ struct Combinations(BTreeMap<Combination, (usize, usize)>);
 impl Combinations {
     fn of(results: &Results) -> Self {
         let mut seeds: BTreeMap<Combination, BTreeMap<u64, bool>> = BTreeMap::new();
-        // The trials of a play are meetings of combinations, which are counted themselves.
+        // The trials of a play are meetings of combinations, which are counted on their own.
         for trial in results
             .trials
             .iter()
@@ -205,7 +205,7 @@ mod tests {
     use statistics::SequentialDesign;
     use testing::synthetic::{ended, trial};
 
-    /// Results with so many seeds of each agent; an agent is named by its place.
+    /// Results with this number of seeds for each agent; the index of an agent is its name.
     fn results(seeds: &[u64]) -> Results {
         let agents = seeds.iter().enumerate();
         let of_agent = |(agent, seeds): (usize, &u64)| {

@@ -8,8 +8,7 @@ use contract::{Better, Phase, trial::Combination};
 use presentation::table::{Cell, Grid};
 use statistics::{MeanEstimate, Share, estimators::mean};
 
-/// A sentence for each value of a table with such a split of seeds; none where numbers are relative to those of an
-/// agent.
+/// A sentence for each value of a table with such a split of seeds; none if numbers are relative to those of an agent.
 pub(super) fn notes(grid: &Grid, metric: &str, study: &StudyInfo, results: &Results) -> Vec<String> {
     if grid.quantity.relative.is_some() || study.floors.is_empty() {
         return Vec::new();

@@ -31,7 +31,7 @@ pub struct Round {
     pub results: Results,
     /// Its claims, and the tables whose published values it confirms.
     pub contents: Contents,
-    /// Sentence on the date at which the round was fixed.
+    /// Sentence on the date when the round was fixed.
     pub fixed: Option<String>,
 }
 
@@ -130,7 +130,7 @@ impl Contents {
                 rounds: here.filter(|round| !round.seeds.is_empty()).collect(),
                 all: value_alone(&grid, cell, &pooled),
             };
-            // A row without a round has the seeds of the study alone.
+            // A row without any round has the seeds of the study alone.
             self.confirmed
                 .extend((confirmed.rounds.len() > 1).then_some(confirmed));
         }

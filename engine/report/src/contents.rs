@@ -56,7 +56,7 @@ pub struct Contents {
     pub figures: Vec<(String, Result<Chart, String>)>,
     /// Claims, one line for each environment and setting of their evaluation.
     pub claims: Vec<ClaimLine>,
-    /// Sentences on figures whose drawing departs from the study.
+    /// Sentences on figures whose drawing differs from the study.
     pub warnings: Vec<String>,
     /// Path of the damaged record of seen verdicts, inside the store; `None` where the record is intact. Earlier
     /// looks are unknown then.
@@ -67,7 +67,7 @@ pub struct Contents {
     pub(super) confirmed: Vec<ConfirmedVerdict>,
     /// Number and time of the trials of each confirmation.
     pub(super) rounds: Vec<Cost>,
-    /// Sentences on the dates at which the rounds of confirmations were fixed.
+    /// Sentences on the dates when the rounds of confirmations were fixed.
     pub(super) fixed: Vec<String>,
     /// Drawings of an earlier report by figure; each replaces a figure that could not be made.
     pub kept: BTreeMap<String, KeptFigure>,
@@ -91,7 +91,8 @@ pub struct ClaimLine {
     pub training: Option<TrainingShare>,
     /// An earlier number of seeds at which the verdict was seen without a plan.
     pub seen_at: Option<u32>,
-    /// First rule of the verdict, where it was changed after the verdict was seen: then the verdict is exploratory.
+    /// First rule of the verdict, if it was changed after the verdict was seen; the verdict is exploratory in that
+    /// case.
     pub first_judged_by: Option<String>,
     /// Seeds that the verdict may rest on.
     pub looks: Seeds,
@@ -179,8 +180,8 @@ impl Contents {
         contents
     }
 
-    /// Keeps tables and figures of an earlier report where this one lacks their data, so that an empty table does not
-    /// replace one with numbers. A note on it stands in their place.
+    /// Keeps tables and figures of an earlier report if this one lacks their data, so that an empty table does not
+    /// replace one with numbers. A note on the kept item takes its position.
     pub fn leave_to(&mut self, earlier: &Manifest) {
         let has = |files: &[String]| files.iter().any(|file| earlier.names(file));
         let are = "; its files are those of an earlier report";
@@ -203,7 +204,7 @@ impl Contents {
         }
     }
 
-    /// Keeps drawings of an earlier report for figures that could not be made, as far as `facts` on them are known.
+    /// Keeps drawings of an earlier report for figures that could not be made, if the `facts` about them are known.
     ///
     /// # Errors
     /// [`Error::Record`](contract::Error::Record) where a drawing does not have the hash of its report.
@@ -240,8 +241,8 @@ impl Contents {
             .collect()
     }
 
-    /// Sets the strictness of the decision on each value and claim, and takes those of the study together (Holm)
-    /// where the study is a family of its own. Exploratory values and claims are in no family.
+    /// Sets the level of the decision on each value and claim. If the study is a family of its own, all of them are
+    /// taken together (Holm). Exploratory values and claims are in no family.
     pub fn adjust(&mut self) {
         self.leave_families();
         let is_family = !self.has_family;
@@ -606,7 +607,7 @@ impl ClaimLine {
         Some(text).filter(|text| !text.is_empty())
     }
 
-    /// Whether the claim, or the rule of its verdict, was thought of after results were seen.
+    /// Whether the claim, or the rule of its verdict, was chosen after results were seen.
     #[must_use]
     pub fn is_exploratory(&self) -> bool {
         self.spec.exploratory || self.first_judged_by.is_some()
@@ -690,7 +691,7 @@ pub(super) fn claim_lines(
         let held = held_in(&claim, (spec, study), results, scope, setting);
         held.line(number, spec, place, results)
     };
-    // Settings are named after the place where there are several.
+    // If there are several settings, their names follow the place.
     let in_settings = |scope: &Scope<'_>, place: &str| {
         let line = |setting: Option<String>| {
             let named = |setting: &String| format!("{place}, {setting}");
@@ -739,7 +740,7 @@ fn claim_line(
     }
 }
 
-/// The plays that a claim is about; `None` where it is about trials too.
+/// The plays that a claim is about; `None` if it is also about trials.
 fn plays_of(claim: &Claim) -> Option<String> {
     let plays = claim
         .operands()
@@ -846,7 +847,7 @@ fn margin(
     relevance.margin(&of_agent)
 }
 
-/// The verdict on a claim: NOT TRAINED where an agent behind it made no update, CALIBRATED where it agrees with a
+/// The verdict on a claim. It is NOT TRAINED if an agent behind it made no update, and CALIBRATED if it agrees with a
 /// choice that was made with the claim in view.
 fn hold(
     claim: &Claim,
@@ -905,7 +906,7 @@ fn of_setting<'r>(scope: &Scope<'r>, operand: &Operand, setting: Option<&str>) -
     }
 }
 
-/// The trials of an operand's agent with the values of swept keys that the claim names.
+/// The trials of an operand's agent that have the values of swept keys that the claim names.
 fn told_apart<'r>(scope: &Scope<'r>, operand: &Operand) -> Scope<'r> {
     let mut scope = scope.at(Axis::Agent, &operand.agent);
     if let Some(environment) = &operand.environment {

@@ -92,7 +92,7 @@ fn plugins<'a>(kind: TrialPart, study: &StudyInfo, results: &'a Results) -> Vec<
     let learns = |trial: &TrialResult| study.learners.contains(&trial.trial.cell.agent);
     let all = kind != TrialPart::Protocol || !results.trials.iter().any(learns);
     let mut plugins: Vec<Plugin<'a>> = Vec::new();
-    // Trials of a plan share their configs, and neighbours mostly have the same one.
+    // Trials of a plan share their configs, and neighbours usually have the same one.
     let mut last: Option<(&str, &str, &str, &CompleteConfig)> = None;
     for trial in results
         .trials

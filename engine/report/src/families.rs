@@ -1,5 +1,5 @@
-//! Verdicts that are read together over several studies, such as those of a chapter: those that hold with all of the
-//! family taken together (Holm), and the number of each word.
+//! Verdicts that are read together over several studies, such as those of a chapter: verdicts that still hold with the
+//! whole family taken together (Holm), and the number of each word.
 
 use super::{
     passed::Passed,
@@ -29,7 +29,7 @@ pub struct Family {
     pub studies: usize,
     /// Number of judged values and claims.
     pub judged: usize,
-    /// Number of those that are decided, each for itself.
+    /// Number of those that are decided, each on its own.
     pub decided: usize,
     /// Number of those that are decided with all of the family taken together (Holm).
     pub together: usize,

@@ -1,8 +1,8 @@
 //! Check whether trained agents are better than agents that learned nothing.
 //!
-//! An order among agents that are no better than doing nothing only shows the ways in which they fail. A claim that
-//! compares two trained agents is therefore judged only where one of them is better than every floor of the study, by
-//! the 95 % interval of the difference.
+//! An order among agents that are no better than doing nothing only shows how they fail. A claim that compares two
+//! trained agents is therefore judged only if one of them is better than every floor of the study, by the 95 % interval
+//! of the difference.
 
 use super::StudyInfo;
 use analysis::claim::{Claim, ClaimOutcome, Operand, Quantity, Relation, evaluate};
@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 /// Values of an operand by seed, below a limit.
 type Values<'a> = &'a dyn Fn(&Operand, u64) -> Option<Vec<(u64, f64)>>;
 
-/// Whether a claim may be judged: not where it compares two trained agents and neither is better than all floors.
+/// Whether a claim may be judged. It may not if it compares two trained agents and neither is better than all floors.
 pub(super) fn are_passed(
     claim: &Claim,
     study: &StudyInfo,
@@ -40,7 +40,8 @@ pub(super) fn in_words(floors: &[String]) -> String {
     format!("neither is better than {}", floors.join(" and "))
 }
 
-/// The relation of a good agent to a floor. In a play each role has its own interest, which is that of the claim.
+/// The relation of a good agent to a floor. In a play each role has its own interest, so the direction of the claim is
+/// used.
 fn better(claim: &Claim, operand: &Operand, study: &StudyInfo) -> Option<Relation> {
     let is_claimed_higher = matches!(claim.relation, Relation::Greater | Relation::GreaterOrEqual);
     let is_higher = match operand.within {
@@ -106,13 +107,13 @@ mod tests {
         // Less is better.
         assert!(!passed("a.x < b.x", Better::Lower, &world(high, middle)));
         assert!(passed("a.x < b.x", Better::Lower, &world(low, high)));
-        // In a play the interest of a role is that of the claim.
+        // In a play the direction of the claim is the interest of the role.
         assert!(passed(
             "p.prey.a.x < p.prey.b.x",
             Better::Higher,
             &world(low, high)
         ));
-        // A comparison with a rule or a number is judged, and so is a claim that two values are near each other.
+        // A comparison with a rule or a number is judged, and so is a claim that two values are close to each other.
         for claim in ["a.x > rule.x", "a.x > 2", "a.x within 1 of b.x"] {
             assert!(passed(claim, Better::Higher, &world(low, low)), "{claim}");
         }

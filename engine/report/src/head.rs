@@ -10,8 +10,8 @@ pub(super) struct CountLine {
     pub(super) words: Counts,
 }
 
-/// Published values and claims, taken together (Holm), and one by one where that differs, and exploratory ones. Words
-/// without a count are left out, and so is everything where nothing is judged.
+/// Counts of published values and claims, taken together (Holm), one by one if those differ, and of exploratory ones.
+/// Words without a count are left out, and so is everything if nothing is judged.
 pub(super) fn lines(study: &StudyInfo, contents: &Contents) -> Vec<CountLine> {
     if study.is_rehearsal {
         return Vec::new();
@@ -41,7 +41,7 @@ struct Families {
 }
 
 impl Families {
-    /// The line with all taken together, then the line one by one where that differs.
+    /// The line for all verdicts taken together, then the line for single verdicts if it differs.
     fn lines(self, what: &str) -> Vec<CountLine> {
         let differs = self.together != self.alone;
         let named = if differs {

@@ -1,5 +1,5 @@
-//! One page over many studies: the outcome of each, its verdicts, its figures at small size, and its cost. It is made
-//! of the files that reports wrote into their folders, so it says nothing that no report says.
+//! One page over many studies: the outcome of each, its verdicts, its figures at small size, and its cost. It contains
+//! only facts from the files that reports wrote into their folders.
 
 use super::{
     Verdicts, answered, families, open,

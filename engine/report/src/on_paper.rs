@@ -9,10 +9,10 @@ use unicode_width::UnicodeWidthStr;
 const SIZE: f64 = 8.0;
 /// Size below which values are broken at spaces, in points.
 const SMALL: f64 = 5.0;
-/// Room between the margins in points: the narrower of A4 and Letter, upright and turned.
+/// Width between the margins in points: the narrower of A4 and Letter, upright and turned.
 const UPRIGHT: f64 = 527.0;
 const TURNED: f64 = 723.0;
-/// Width of a character and of the room between columns, in parts of the size, for a wide typeface.
+/// Width of a character and of the gap between columns, relative to the text size, for a wide typeface.
 const CHARACTER: f64 = 0.64;
 const GAP: f64 = 0.6;
 

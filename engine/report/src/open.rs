@@ -1,5 +1,5 @@
-//! Open verdicts over all studies, each with the approximate effort that would decide it: a guide to the most
-//! informative hour of computing.
+//! Open verdicts over all studies, each with the approximate effort that would decide it. The list shows where an hour
+//! of computing is most informative.
 
 use super::{
     effort::Effort,
@@ -67,7 +67,7 @@ pub struct Decided {
     pub decided: usize,
     /// Number of decided ones that rest on several rounds of seeds.
     pub confirmed: usize,
-    /// Number of those that are decided as EQUIVALENT: neither side is ahead by as much as matters.
+    /// Number of those that are decided as EQUIVALENT: neither side is ahead by an amount that matters.
     pub equivalent: usize,
 }
 

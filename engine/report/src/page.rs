@@ -112,7 +112,7 @@ pub(super) struct Extra {
     pub(super) script: Markup,
 }
 
-/// A page of its own around a body. The browser is told to load nothing but images that lie beside the page.
+/// A complete page around a body. The page forbids the browser to load anything but images beside it.
 pub(super) fn document(title: &str, body: &Markup, extra: &Extra) -> String {
     const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src 'self' file: data:";
     let page = html! {
@@ -149,7 +149,7 @@ fn header(parts: &Parts<'_>) -> Markup {
                 p { strong { (sentence) } }
             }
             @if let Some(text) = study.rehearsal() { p.banner { (prose::html(text)) } }
-            // Answers in words replace the sentence, and stand before the verdicts behind them.
+            // Answers in words replace the sentence, and precede the verdicts behind them.
             @if let Some(answered) = &parts.answered {
                 (answered.html())
                 @if parts.answers.is_some() {

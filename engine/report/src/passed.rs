@@ -30,14 +30,14 @@ pub struct Passed {
     /// The strictest share of its level at which it is still decided; absent where it is open.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub strictest: Option<f64>,
-    /// Whether it was thought of after results were seen.
+    /// Whether it was chosen after results were seen.
     #[serde(default)]
     pub exploratory: bool,
     /// Cause of a difference or refutation, as the study states it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
-    /// Approximate effort that would decide an open one. `None` where no affordable number of seeds would, and where
-    /// a design has looks left, which says itself when to go on.
+    /// Approximate effort that would decide an open one. `None` if no affordable number of seeds would, or if a design
+    /// has looks left, since its looks determine when to continue.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub would_decide: Option<Effort>,
     /// The verdict of each round of seeds alone, where there are several.
@@ -46,8 +46,8 @@ pub struct Passed {
 }
 
 impl Passed {
-    /// Whether the seeds were to decide it: it was planned, no choice was made by it, its trials have run and
-    /// learned, and it is not fixed by construction. A failed or unreadable one is judged and not decided.
+    /// Whether the seeds were meant to decide it: it was planned, no choice was made by it, its trials have run and
+    /// learned, and it is not fixed by construction. A failed or unreadable one counts as judged and not decided.
     #[must_use]
     pub fn is_judged(&self) -> bool {
         let unasked = [
@@ -131,7 +131,7 @@ pub(super) fn of_table(name: &str, grid: &Grid, results: &Results) -> Vec<Passed
     passed
 }
 
-/// The verdict on published values without a table; they are not passed over.
+/// The verdict on the published values of a table that could not be made, so that they are not left out.
 pub(super) fn not_made(name: &str, spec: &TableSpec) -> Option<Passed> {
     let is_published = !spec.published.is_empty() || !spec.published_curves.is_empty();
     is_published.then(|| Passed {

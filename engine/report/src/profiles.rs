@@ -25,7 +25,8 @@ pub struct ProfileTrials {
     pub ok: usize,
     /// Number of trials that ended otherwise.
     pub failed: usize,
-    /// Number of trials that ended and belong to no other profile: agents that do not learn mostly share theirs.
+    /// Number of trials that ended and belong to no other profile. Profiles usually share the trials of agents that do
+    /// not learn.
     pub own: usize,
 }
 

@@ -13,9 +13,9 @@ pub struct Stage {
     pub name: String,
     /// Number of its trials.
     pub trials: usize,
-    /// Number of steps from the entries that take nothing: each stage stands after those that it takes from.
+    /// Number of steps from the entries that take nothing: each stage comes after those that it takes from.
     pub depth: usize,
-    /// Its artifacts from other entries.
+    /// Artifacts that it takes from other entries.
     pub takes: Vec<Take>,
 }
 

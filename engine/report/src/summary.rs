@@ -1,4 +1,4 @@
-//! The report in short, for a terminal.
+//! The short form of a report, for a terminal.
 
 use super::{Contents, StudyInfo, Verdicts, Word, basis, budgets, claims, head, passed::words, sentence};
 use analysis::results::Results;
@@ -11,7 +11,7 @@ const FIRST_CLAIMS: usize = 6;
 const WORD: usize = 20;
 
 /// The report as plain text of at most `width` characters a line: the answers, the first table and the path of the
-/// page; with `all` everything.
+/// page. With `all` it contains everything.
 #[must_use]
 pub fn summary(
     study: &StudyInfo,
@@ -73,7 +73,7 @@ pub fn tinted(text: &str) -> String {
     };
     let tint = |line: &str, word: &str| line.replace(word, &format!("{}{word}\x1b[0m", colour_of(word)));
     let line = |line: &str| {
-        // An answer stands at the beginning of a line, followed by room.
+        // An answer stands at the beginning of a line, followed by spaces.
         let mut answers = Word::ALL.map(Word::text).into_iter();
         let answer = answers.find(|answer| {
             line.strip_prefix(answer)

@@ -691,7 +691,7 @@ fn an_agent_beside_itself_is_not_judged() {
     assert_eq!(contents.verdicts_together(), contents.verdicts(false));
 }
 
-/// Twelve claims, each alone with a one-sided p of about 0.01: none holds when they are taken together.
+/// Twelve claims, each with a one-sided p of about 0.01: none holds if they are taken together.
 #[test]
 fn many_claims_together_are_held_to_more() {
     let results = two_agents([1.0, 0.2, 0.6, 1.6, 0.4], |_, _| {});

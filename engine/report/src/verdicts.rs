@@ -54,7 +54,7 @@ pub struct Verdicts {
     pub decided: usize,
     /// Number of those that differ or are refuted.
     pub differing: usize,
-    /// Number of verdicts that were thought of after results were seen; the other numbers leave them out.
+    /// Number of verdicts that were chosen after results were seen; the other numbers leave them out.
     pub exploratory: usize,
     /// All verdicts, those on tables first.
     pub verdicts: Vec<Passed>,
@@ -99,7 +99,7 @@ impl Verdicts {
 /// A line of the answers.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AnswerLine {
-    /// The item of the source; empty for a question that none prints.
+    /// The item of the source; empty for a question that is not a printed item.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub item: String,
     /// The source's statement there, or the question.
@@ -110,7 +110,7 @@ pub struct AnswerLine {
     /// Places of its verdicts among those of the study.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lines: Vec<usize>,
-    /// How the system differs from that of the source; empty where it is the same.
+    /// Difference of the system from that of the source; empty if it is the same.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub system: String,
 }
@@ -155,11 +155,11 @@ fn places(asks: &PlaceholderTarget, verdicts: &[Passed]) -> Vec<usize> {
 /// Answer in a word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Word {
-    /// Everything that the line names holds.
+    /// All values and claims of the line hold.
     Yes,
-    /// Some of it holds, and the rest does not or is open.
+    /// Some of them hold, and the others do not or are open.
     Partly,
-    /// Some of it does not hold, and none of it does.
+    /// Some of them do not hold, and none holds.
     No,
     /// Nothing is decided, and the training was much shorter than that of the source.
     NotAtThisBudget,
@@ -177,7 +177,7 @@ impl Word {
         Self::Open,
     ];
 
-    /// The word for some verdicts; `None` without verdicts. `is_short` where the source trained for longer.
+    /// The word for some verdicts; `None` without verdicts. `is_short` is true if the source trained for longer.
     fn of(lines: &[&Passed], is_short: bool) -> Option<Self> {
         if lines.is_empty() {
             return None;

@@ -111,7 +111,7 @@ impl Fate {
     }
 }
 
-/// Whether every seed has the same bits, or the values have where no single seed has one.
+/// Whether every seed has the same bits or, for values without numbers by seed, the values themselves do.
 fn is_same(a: &CellValues, b: &CellValues) -> bool {
     let bits = |cell: &CellValues| {
         let seeds = cell.seeds.iter().map(|(seed, value)| (*seed, value.to_bits()));

@@ -63,7 +63,7 @@ const OF_TRIALS: [&str; 8] = [
     "tune",
 ];
 
-/// The keys of the trials with another value now. A key in the present study alone is skipped: it is a newer option
+/// The keys of the trials whose values differ now. A key in the present study alone is skipped: it is a newer option
 /// with its default, or replaces keys that are listed themselves.
 #[must_use]
 pub fn changed_keys(before: &Value, now: &Value) -> Vec<String> {

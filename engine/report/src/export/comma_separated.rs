@@ -50,7 +50,7 @@ fn shown(value: Option<impl ToString>) -> String {
     value.map_or(String::new(), |value| value.to_string())
 }
 
-/// A text as a cell: text that a spreadsheet would compute stays text.
+/// A text as a cell; a text that a spreadsheet would compute is protected and stays text.
 fn guarded(text: &str) -> String {
     if text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) {
         format!("'{text}")

@@ -42,9 +42,9 @@ pub enum ExportFormat {
     Csv,
     /// Event files of TensorBoard, one folder a trial; values have single precision there.
     Tensorboard,
-    /// When trials ran: a trace that Perfetto and the tracing page of Chromium show.
+    /// The times of trials as a trace for Perfetto and the tracing page of Chromium.
     Trace,
-    /// A research object crate: study, report, tables, metrics with their hashes, and who computed them.
+    /// A research object crate: study, report, tables, metrics with their hashes, and the builds that computed them.
     RoCrate,
     /// The policies that trials left as ONNX files, in a folder per trial, and `policies.json`.
     Onnx,

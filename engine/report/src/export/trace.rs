@@ -12,7 +12,7 @@ use std::path::Path;
 
 /// Name of the file.
 const FILE: &str = "trace.json";
-/// Resolution of the times of ends; consecutive trials may seem to overlap by as much.
+/// Resolution of the times of ends, in seconds; consecutive trials may seem to overlap by as much.
 const RESOLUTION_S: f64 = 1.0;
 const MICROSECONDS: f64 = 1e6;
 
@@ -105,7 +105,7 @@ mod tests {
             to,
             trial: &result,
         };
-        // Two workers: the second worker's trial is long, the first computes two beside it, and one more follows.
+        // Two workers: one computes a long trial; the other computes two trials beside it, and one more afterwards.
         let spans = [
             span(0.0, 10.0),
             span(0.5, 30.0),

@@ -1,4 +1,4 @@
-//! The trials of a record: their ends, and the results made from them, as the store would give them.
+//! The trials of a record: their ends, and the same results as from the store.
 
 use super::{Block, Blocks, FinalValue, Record};
 use analysis::results::Results;
@@ -54,7 +54,7 @@ pub struct RecordedCell {
     /// Setting of the trials.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub setting: String,
-    /// TrialRole of the study that the trials belong to.
+    /// Role of the trials in the study.
     #[serde(default, skip_serializing_if = "TrialRole::is_shown")]
     pub part: TrialRole,
     /// Mean wall-clock time in seconds of the trials without a time of their own.
@@ -185,7 +185,7 @@ impl RecordedTrial {
     }
 }
 
-/// A trial of a record that no planned trial is matched with yet.
+/// A trial of a record that is not matched with a planned trial yet.
 struct UnmatchedTrial {
     ended: RecordedTrial,
     mean_wall_s: Option<f64>,
@@ -267,8 +267,8 @@ impl ResultIndex {
         result
     }
 
-    /// Takes the trial with this id where the record has ids of the plan, else the next one: meetings may share all
-    /// names and their seed.
+    /// Takes the trial with this id if the record has the ids of the plan, otherwise the next one. Meetings may share
+    /// all names and their seed.
     fn take(
         &mut self,
         key: (TrialRole, Combination, u64),
@@ -298,7 +298,7 @@ fn add(result: &mut TrialResult, measured: &FinalValue) {
     });
 }
 
-/// Marks the root of the mean square of every metric, so that none is computed from means where the record has none.
+/// Marks the root of the mean square of every metric, so that none is computed from means if the record has none.
 fn mark_means(result: &mut TrialResult) {
     let marked: Vec<String> = result.names.iter().map(|name| root_of_squares(name)).collect();
     let names = Arc::make_mut(&mut result.names);
@@ -306,7 +306,7 @@ fn mark_means(result: &mut TrialResult) {
     names.extend(unknown);
 }
 
-/// Removes the success of a trial by the study's rule, before it is judged again.
+/// Removes the success values of a trial, which the study's rule computes again.
 pub fn forget_success(result: &mut TrialResult) {
     let place = result.names.iter().position(|name| name == SUCCESS);
     result.rows.retain(|row| Some(usize::from(row.metric)) != place);

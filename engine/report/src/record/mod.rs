@@ -1,5 +1,5 @@
-//! The record of a study's results: files in its folder of results from which its report can be made again, and
-//! judged by other rules, without the store.
+//! The record of a study's results: files in its folder of results. From them its report can be made again, and judged
+//! by other rules, without the store.
 //!
 //! | file | what |
 //! |---|---|
@@ -92,7 +92,7 @@ pub struct FinalValue {
     pub value: f64,
 }
 
-/// A search, with all facts for its report.
+/// A search, with all facts that its report needs.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Searched {
@@ -191,7 +191,7 @@ impl Record {
         cell.is_some_and(|cell| cell.mean_wall_s.is_none())
     }
 
-    /// Plugins with another version in the record than now, as in `environment battery 1, now 2`.
+    /// Plugins whose version in the record differs from the current one, as in `environment battery 1, now 2`.
     #[must_use]
     pub fn earlier_versions(&self, now: &[(String, u32)]) -> Vec<String> {
         let was: BTreeMap<&str, u32> = self
