@@ -1,4 +1,4 @@
-//! The command line: what each command does, what it prints, and what describes the program to a person.
+//! The command line: the commands, their output, and the descriptions of the program for people.
 
 mod commands;
 pub mod describe;

@@ -1,6 +1,5 @@
-//! Arrays of NumPy in an archive (`.npz`), as the callback for evaluations of Stable-Baselines3 writes them:
-//! arrays with one length are the columns of a table. Of an array with further axes the mean over these is the
-//! column.
+//! Arrays of NumPy in an archive (`.npz`), as the evaluation callback of Stable-Baselines3 writes them: arrays of the
+//! same length are the columns of a table. The column of an array with further axes is the mean over them.
 
 use super::{
     content::Content,
@@ -70,7 +69,7 @@ pub(super) fn table(file: &Content) -> Result<LogTable, Error> {
     })
 }
 
-/// The arrays of numbers by name, with a sentence on each other one.
+/// The arrays of numbers by name, with a sentence on each other array.
 fn arrays(file: &Content) -> Result<(NamedArrays, Vec<String>), Error> {
     let damaged = |problem: &dyn std::fmt::Display| {
         let kind = "a ZIP archive, as Excel (.xlsx) and NumPy (.npz) write";
@@ -107,10 +106,10 @@ fn arrays(file: &Content) -> Result<(NamedArrays, Vec<String>), Error> {
     Ok((arrays, notes))
 }
 
-/// Why bytes are no array of numbers.
+/// The reason why bytes are not an array of numbers.
 #[derive(Debug, PartialEq)]
 enum Refusal {
-    /// Its entries are no numbers.
+    /// Its entries are not numbers.
     Kind(String),
     /// The array is cut off or malformed.
     Damaged,
@@ -171,7 +170,7 @@ fn said<'a>(head: &'a str, key: &str) -> Result<&'a str, Refusal> {
     Ok(value[..end.ok_or(Refusal::Damaged)?].trim())
 }
 
-/// The entries of a kind, such as `<f8`.
+/// The entries, read as a type such as `<f8`.
 fn entries(bytes: &[u8], kind: &str) -> Result<Vec<f64>, Refusal> {
     let (is_big, name) = match kind.as_bytes().first() {
         Some(b'>') => (true, &kind[1..]),
@@ -195,7 +194,7 @@ fn entries(bytes: &[u8], kind: &str) -> Result<Vec<f64>, Refusal> {
         "u1" | "b1" => |it| f64::from(it[0]),
         _ => return Err(Refusal::Kind(kind.to_owned())),
     };
-    // Every name that is known ends in its size.
+    // Every known name ends in its size.
     let size = usize::from(name.as_bytes()[1] - b'0');
     let entry = |part: &[u8]| {
         let mut bytes = [0; 8];
@@ -212,7 +211,7 @@ fn entries(bytes: &[u8], kind: &str) -> Result<Vec<f64>, Refusal> {
     Ok(parts.map(entry).collect())
 }
 
-/// Entries whose first axis is fastest, with the last one fastest.
+/// Reorders entries whose first axis varies fastest so that the last one does.
 fn last_fastest(shape: &[usize], values: &[f64]) -> Vec<f64> {
     let mut at = vec![0; shape.len()];
     let mut ordered = Vec::with_capacity(values.len());

@@ -1,4 +1,4 @@
-//! The columns or tags that hold the metrics of a study: one for each, or several that are runs of one metric.
+//! The columns or tags that hold the metrics of a study: one for each metric, or several that are runs of one metric.
 
 use super::mapping::{Mapping, Patterns};
 use super::pattern::parts;
@@ -7,7 +7,7 @@ use document::{diagnostic::nearest, reach};
 /// The columns of a file that hold metrics.
 #[derive(Debug, PartialEq)]
 pub(super) struct MetricColumns {
-    /// The runs of the file, by the column of each; without a name where there is one.
+    /// The runs of the file, by the column of each; one run without a name if columns are not runs.
     pub(super) runs: Vec<Option<String>>,
     /// The columns, each with its run and its metric.
     pub(super) slots: Vec<Slot>,
@@ -21,7 +21,7 @@ pub(super) struct Slot {
     pub(super) column: usize,
 }
 
-/// A column that is not there as it was named.
+/// A column that is missing or ambiguous.
 #[derive(Debug, PartialEq)]
 pub(super) struct MissingColumn {
     pub(super) name: String,
@@ -68,8 +68,7 @@ impl MissingColumn {
     }
 }
 
-/// Names of columns for a message. A file with one column may be no table at all, so that its text is not quoted at
-/// length.
+/// Names of columns for a message. A file with one column may not be a table at all, so its text is cut.
 pub(super) fn named(names: &[String]) -> String {
     const MOST: usize = 20;
     if let [one] = names {
@@ -82,12 +81,12 @@ pub(super) fn named(names: &[String]) -> String {
             .collect()
     };
     let more = if names.len() > MOST { ", …" } else { "" };
-    // An index that pandas wrote has no name.
+    // The index column that pandas writes has no name.
     let named = names.iter().filter(|name| !name.is_empty());
     named.take(MOST).map(shown).collect::<Vec<_>>().join(", ") + more
 }
 
-/// Whether a column is one of the two that W&B adds to each for the extremes of the values that it joined.
+/// Whether a column is one of the two that W&B adds to a column for the minimum and maximum of merged values.
 pub(super) fn is_bound(name: &str, known: &[String]) -> bool {
     let of = name.strip_suffix("__MIN").or_else(|| name.strip_suffix("__MAX"));
     of.is_some_and(|of| known.iter().any(|other| other == of))
@@ -97,7 +96,7 @@ impl MetricColumns {
     /// The columns that hold the metrics among `known`.
     ///
     /// # Errors
-    /// The column that is missing, stands twice, or belongs to no run.
+    /// The column that is missing, occurs twice, or belongs to no run.
     pub(super) fn of(known: &[String], mapping: &Mapping) -> Result<Self, MissingColumn> {
         let mut chosen = Self {
             runs: Vec::new(),
@@ -152,8 +151,8 @@ fn same(one: &[String], other: &[String]) -> bool {
     one.len() == other.len() && other.iter().all(|key| one.contains(key))
 }
 
-/// The columns of a metric, each with a key that tells runs apart: no text where there is one column, the place in a
-/// list, or the parts that the stars of a pattern stand for.
+/// The columns of a metric, each with a key that distinguishes runs: an empty text for a single column, the position in
+/// a list, or the parts that the stars of a pattern stand for.
 fn expand(known: &[String], columns: &Patterns) -> Result<Vec<(String, usize)>, MissingColumn> {
     match columns {
         Patterns::One(name) => match place(known, name) {

@@ -1,5 +1,4 @@
-//! Content of files: unpacked, told from files of other kinds by the first bytes, and counted once where one is a copy
-//! of another.
+//! Content of files: unpacked, recognised by their first bytes, and counted once if one is a copy of another.
 
 use super::event_file::begins_record;
 use contract::Error;
@@ -26,7 +25,7 @@ pub(super) enum LogFormat {
     Parquet,
     /// Arrays of NumPy in an archive.
     Arrays,
-    /// Runs of W&B that were kept offline.
+    /// Offline runs of W&B.
     Wandb,
     /// JSON: a document, or a line for every record.
     Json,
@@ -36,7 +35,7 @@ pub(super) enum LogFormat {
 
 /// The first bytes of arrays of NumPy in an archive.
 const ARRAYS: &[u8] = b"PK\x03\x04";
-/// The first bytes of a run of W&B that was kept offline.
+/// The first bytes of an offline run of W&B.
 const WANDB: &[u8] = b":W&B";
 
 /// First bytes of files that are not read, with their names and a way to convert each.
@@ -179,12 +178,12 @@ impl Content {
             .into_owned()
     }
 
-    /// Whether it has values, so that another file with the same content is a copy.
+    /// Whether it has values; only then another file with the same content is a copy.
     fn has_values(&self) -> bool {
         self.bytes.trim_ascii_end().contains(&b'\n') || self.is_binary()
     }
 
-    /// Whether it has so many values that a file which begins with all of them is a later state of it.
+    /// Whether it has enough values that a file beginning with all of them must be a later state of it.
     fn has_many_values(&self) -> bool {
         const LINES: usize = 4;
         lines_in(&self.bytes) > LINES || begins_record(&self.bytes)
@@ -223,8 +222,8 @@ fn is_event_file(path: &Path) -> bool {
         .is_some_and(|name| name.to_string_lossy().contains("tfevents"))
 }
 
-/// The files without copies of others, with a sentence on those that are not counted. A file that another one begins
-/// with is an earlier copy of it.
+/// The files without copies of others, with a sentence on the copies. A file whose whole content is the beginning of
+/// another file is an earlier copy of it.
 pub(super) fn without_copies(files: Vec<Content>) -> (Vec<Content>, Option<String>) {
     let copies: Vec<Option<String>> = (0..files.len()).map(|place| copy(place, &files)).collect();
     let mut counted = Vec::new();
@@ -243,7 +242,7 @@ pub(super) fn without_copies(files: Vec<Content>) -> (Vec<Content>, Option<Strin
     (counted, sentence)
 }
 
-/// The file that a file is a copy of, after its own name.
+/// A phrase that names the file and the file that it is a copy of; `None` if it is no copy.
 fn copy(place: usize, files: &[Content]) -> Option<String> {
     let file = &files[place];
     let length = file.bytes.len();
@@ -267,7 +266,7 @@ fn copy(place: usize, files: &[Content]) -> Option<String> {
     ))
 }
 
-/// The first of some texts, and how many more there are.
+/// The first of some texts, and the number of the others.
 pub(super) fn listed(texts: &[String]) -> String {
     const MOST: usize = 5;
     let first = texts

@@ -38,7 +38,7 @@ pub struct SessionLog {
 }
 
 impl Event {
-    /// Whether the program starts here, so that values from this step on that stand before are void.
+    /// Whether the program starts here. A start voids earlier values from this step on.
     pub fn starts(&self) -> bool {
         const START: i32 = 1;
         self.session_log.as_ref().is_some_and(|log| log.status == START)
@@ -78,10 +78,10 @@ impl Scalar {
     }
 }
 
-/// A tensor of `tensor.proto`, as far as one number needs it.
+/// A tensor of `tensor.proto`, with the fields that a single number needs.
 #[derive(Clone, PartialEq, Message)]
 pub struct Tensor {
-    /// The kind of its entries, by `types.proto`.
+    /// The type of its entries, by `types.proto`.
     #[prost(int32, tag = "1")]
     pub dtype: i32,
     /// Lengths along the axes.
@@ -107,7 +107,7 @@ pub struct Tensor {
 /// The lengths of a tensor.
 #[derive(Clone, PartialEq, Message)]
 pub struct Shape {
-    /// One for each axis; none of a single number.
+    /// One for each axis; empty for a single number.
     #[prost(message, repeated, tag = "2")]
     pub dim: Vec<Length>,
 }
@@ -128,7 +128,7 @@ impl Tensor {
     }
 }
 
-/// The event that a file begins with.
+/// The first event of a file.
 pub fn first(wall_time: f64) -> Event {
     Event {
         wall_time,
@@ -154,7 +154,7 @@ pub fn begins_record(bytes: &[u8]) -> bool {
         .is_some_and(|(head, _)| head[8..] == masked_crc(&head[..8]).to_le_bytes())
 }
 
-/// The events of a file, up to a record that was not written to its end.
+/// The events of a file, up to an incomplete record at its end.
 ///
 /// # Errors
 /// A description of the fault in the file.
@@ -190,7 +190,7 @@ pub fn events(file: &[u8]) -> Result<Vec<Event>, String> {
     Ok(events)
 }
 
-/// A checksum of data that may hold checksums: rotated and moved, so that it is no CRC of itself.
+/// A masked checksum, rotated and shifted, so that data which contain checksums can be checked.
 fn masked_crc(bytes: &[u8]) -> u32 {
     crc32c::crc32c(bytes).rotate_right(15).wrapping_add(0xa282_ead8)
 }

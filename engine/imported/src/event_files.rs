@@ -1,5 +1,5 @@
-//! Runs in TensorBoard's event files, read as TensorBoard reads them: every folder is a run, which may go on in several
-//! files, and a start of the program at a step purges the values logged from that step on
+//! Runs in TensorBoard's event files, read as TensorBoard reads them. Every folder is a run, which may continue in
+//! several files. A start of the program at a step purges the values logged from that step on
 //! (`tensorboard/backend/event_processing/event_accumulator.py`, `_MaybePurgeOrphanedData`).
 
 use super::{
@@ -85,10 +85,10 @@ struct Point {
 #[derive(Default)]
 struct Log {
     points: BTreeMap<String, Vec<Point>>,
-    /// Tags whose values are no single numbers.
+    /// Tags whose values are not single numbers.
     others: BTreeSet<String>,
     version: f64,
-    /// The step of the last event, in files of a form that says nothing of starts.
+    /// The step of the last event, in files of a version that does not mark starts.
     recent: Option<i64>,
     purged: usize,
 }
@@ -122,8 +122,8 @@ impl Log {
         Ok(())
     }
 
-    /// Removes values that a crash made void: from the second version of the format on a start of the program gives the
-    /// step, in older files steps that go back show it.
+    /// Removes values that a crash made void. From version 2 of the format on, the start of the program gives the step;
+    /// in older files, steps that go back indicate it.
     fn purge(&mut self, event: &Event) {
         if self.version >= 2.0 {
             if event.starts() {
@@ -153,8 +153,8 @@ impl Log {
             .collect()
     }
 
-    /// The values of the tags that the mapping names. A run in which a tag is missing lacks the metric, and one with
-    /// other tags alone is a mistake.
+    /// The values of the tags that the mapping names. A run with only some of the tags lacks metrics; a run with none
+    /// of them is an error.
     fn group(
         self,
         name: String,
@@ -197,7 +197,7 @@ impl Log {
                 }
             }
         }
-        // In the order in which they were logged, not by tag.
+        // Entries follow the order of logging, not of tags.
         group.log.entries.sort_by_key(|entry| entry.place);
         Ok(group)
     }
@@ -223,7 +223,7 @@ fn purge(points: &mut Vec<Point>, from: i64, purged: &mut usize) {
     *purged += before - points.len();
 }
 
-/// A scalar as the older or as the newer form keeps it; `None` where it is no single number.
+/// A scalar in the older or the newer form; `None` if it is not a single number.
 fn number(scalar: &Scalar) -> Option<f64> {
     scalar
         .simple_value
@@ -246,7 +246,7 @@ fn of_tensor(tensor: &Tensor) -> Option<f64> {
         reason = "TensorBoard shows numbers in double precision, too"
     )]
     match tensor.dtype {
-        // Writers that leave the kind away mean single precision.
+        // Writers that omit the type mean single precision.
         FLOAT | 0 => match bytes.try_into() {
             Ok(bytes) => Some(f64::from(f32::from_le_bytes(bytes))),
             Err(_) => tensor

@@ -14,15 +14,15 @@ pub struct RunCollection {
     pub files: Vec<(PathBuf, String)>,
     /// The runs, in the order of the files.
     pub runs: Vec<ImportedRun>,
-    /// Sentences on copies, on lines that were not written to their end, and on logs that belong together.
+    /// Sentences on copies, incomplete last lines, and logs that belong together.
     pub notes: Vec<String>,
     /// Number of values that were left out because they are not finite.
     pub not_finite: usize,
-    /// Number of runs that were told apart from another one in the same log because steps go back.
+    /// Number of runs that were split from another one in the same log because steps go back.
     pub restarted: usize,
     /// Number of values at a step of a run that has another value.
     pub repeated: usize,
-    /// Number of values that were purged because the run went on from an earlier step.
+    /// Number of values that were purged because the run resumed from an earlier step.
     pub purged: usize,
 }
 
@@ -33,7 +33,7 @@ pub struct ImportedRun {
     pub name: String,
     /// The file in which it begins.
     pub file: PathBuf,
-    /// Seed of the run, where the files have it.
+    /// Seed of the run, if the files contain it.
     pub seed: Option<u64>,
     /// Steps with values, by metric of the study; a step may occur more than once.
     pub curves: BTreeMap<String, Vec<(u64, f64)>>,
@@ -97,7 +97,7 @@ impl RunCollection {
         Ok(())
     }
 
-    /// Notes runs whose values are all equal. Runs of a task without chance are so, and copies that were saved anew.
+    /// Notes runs whose values are all equal: either runs of a deterministic task, or copies that were saved again.
     pub(super) fn compare(&mut self) {
         let mut alike = Vec::new();
         for (place, run) in self.runs.iter().enumerate() {

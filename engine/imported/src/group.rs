@@ -1,4 +1,4 @@
-//! Groups of values with the same key of files and columns: they are one run, or several where steps go back or several
+//! Groups of values with the same key of files and columns. A group is one run, or several if steps go back or several
 //! columns are runs.
 
 use super::{
@@ -19,7 +19,7 @@ pub(super) struct LogGroup {
     /// The file in which it begins.
     pub(super) file: PathBuf,
     pub(super) log: Log,
-    /// The metric of each slot of the log, and the column where several columns are runs.
+    /// The metric of each slot of the log, and the column if several columns are runs.
     slots: Vec<(String, Option<String>)>,
 }
 
@@ -33,7 +33,7 @@ impl LogGroup {
         }
     }
 
-    /// The slots of the log that the columns of a file have.
+    /// The slots of the log for the columns of a file.
     pub(super) fn slots(&mut self, chosen: &MetricColumns) -> Vec<usize> {
         let mut places = Vec::new();
         for slot in &chosen.slots {
@@ -47,7 +47,7 @@ impl LogGroup {
         places
     }
 
-    /// Tells the runs apart and adds them to those that were found.
+    /// Separates the runs and adds them to `found`.
     pub(super) fn end(
         self,
         rules: &Rules,

@@ -12,8 +12,8 @@ use std::{borrow::Cow, collections::BTreeMap};
 const FORMS: &str = "JSON is read as an object on every line, a list of objects, an object of lists, and as metrics.json and \
                      info.json of Sacred: convert it with pandas.DataFrame(...).to_csv(\"log.csv\")";
 
-/// The key of a line that is no record: the program goes on from a checkpoint here, and values that it logs from now on
-/// replace earlier ones at the same and later steps.
+/// The key of a line that is not a record. The program resumes from a checkpoint here, and values that it logs from now
+/// on replace earlier ones at the same and later steps.
 pub const BEGINS_AGAIN: &str = "regimen_begins_again";
 
 /// The table that a file holds.
@@ -83,7 +83,7 @@ pub fn of_line(line: &str) -> Option<Vec<(String, String)>> {
     Some(rows.names.iter().cloned().zip(cells).collect())
 }
 
-/// Lines that are gathered, with the union of their names.
+/// Lines collected so far, with the union of their names.
 #[derive(Default)]
 struct Rows {
     names: Vec<String>,
@@ -124,7 +124,7 @@ impl Rows {
         });
     }
 
-    /// Names of nested objects are joined by `/`, as the loggers do that write both JSON and CSV.
+    /// Names of nested objects are joined by `/`, as in loggers that write both JSON and CSV.
     fn flatten(&mut self, before: &str, object: &Map<String, Value>, cells: &mut Vec<(usize, String)>) {
         for (key, value) in object {
             let name = if before.is_empty() {
@@ -163,7 +163,7 @@ fn scalar(value: &Value) -> Option<String> {
     }
 }
 
-/// A list of objects, or of lists of three numbers as TensorBoard's button for JSON gives them.
+/// A list of objects, or of lists of three numbers as TensorBoard's JSON download contains them.
 fn of_list(file: &Content, items: &[Value]) -> Result<Rows, Error> {
     let mut rows = Rows::default();
     for (item, number) in items.iter().zip(1..) {
@@ -233,7 +233,7 @@ fn cell(rows: &mut Rows, name: &str, value: &Value) -> (usize, String) {
     (rows.place(name), scalar(value).unwrap_or_else(|| "[…]".into()))
 }
 
-/// As pandas writes with `orient="split"`.
+/// The form that pandas writes with `orient="split"`.
 fn split(file: &Content, names: &[Value], data: &[Value]) -> Result<Rows, Error> {
     let mut rows = Rows::default();
     let names: Vec<String> = names
@@ -260,7 +260,7 @@ fn split(file: &Content, names: &[Value], data: &[Value]) -> Result<Rows, Error>
     Ok(rows)
 }
 
-/// As `metrics.json` of Sacred: every metric has steps of its own, which come under `step`.
+/// The form of Sacred's `metrics.json`: every metric has its own steps, which become the column `step`.
 fn curves(file: &Content, document: &Map<String, Value>) -> Result<Rows, Error> {
     let mut rows = Rows::default();
     for (name, curve) in document {
@@ -270,8 +270,8 @@ fn curves(file: &Content, document: &Map<String, Value>) -> Result<Rows, Error> 
     Ok(rows)
 }
 
-/// As `info.json` of Sacred: steps of `return_mean` stand under `return_mean_T`. They come under that name and under
-/// `step`.
+/// The form of Sacred's `info.json`: the steps of `return_mean` have the key `return_mean_T`. They become columns under
+/// that name and under `step`.
 fn with_steps(file: &Content, document: &Map<String, Value>) -> Result<Rows, Error> {
     let mut rows = Rows::default();
     for (name, values) in document {
@@ -308,7 +308,7 @@ fn points(
     Ok(())
 }
 
-/// As pandas writes without an `orient`: cells by the index of their row.
+/// The form that pandas writes without an `orient`: cells by the index of their row.
 fn indexed(document: &Map<String, Value>) -> Rows {
     let mut rows = Rows::default();
     let mut lines: BTreeMap<u64, Vec<(usize, String)>> = BTreeMap::new();
@@ -386,7 +386,7 @@ mod tests {
         table(&content("a.json", text)).unwrap()
     }
 
-    /// Names, and the lines below as text.
+    /// The names, and the lines below them as text.
     fn shown(table: &LogTable) -> Vec<String> {
         let line = |line: &LogLine| line.cells.iter().collect::<Vec<_>>().join(",");
         std::iter::once(table.names.join(","))

@@ -1,5 +1,5 @@
-//! Runs of other programs, read from their files: they stand beside a study's own agents in tables, figures and claims,
-//! are marked there as imported, and are never mixed with trials that this program computed.
+//! Runs of other programs, read from their files. They appear beside a study's own agents in tables, figures and
+//! claims, are marked as imported, and are never mixed with trials that this program computed.
 //!
 //! | | own trial | imported run |
 //! |---|---|---|
@@ -46,28 +46,28 @@ use std::{collections::BTreeMap, sync::Arc};
 
 /// Beginning of the id of every imported run; ids of own trials are digits alone.
 pub const MARK: &str = "imported-";
-/// The seed of the first run of the first entry. Every entry has a block of so many seeds of its own: equal numbers
-/// mean equal random streams here, and runs of other programs have none.
+/// The seed of the first run of the first entry. Every entry has a block of this many seeds of its own. Equal seeds
+/// mean equal random streams among own trials, which does not hold for runs of other programs.
 pub const FIRST_SEED: u64 = 1_000_000;
 
-/// A name that tells imported runs from our own wherever it is shown.
+/// A name that distinguishes imported runs from own agents wherever it is shown.
 #[must_use]
 pub fn marked(name: &str) -> String {
     format!("{name} (imported)")
 }
 
-/// An entry of the section `imported`, read.
+/// An entry of the section `imported`, with the runs of its files.
 #[derive(Debug, Clone)]
 pub struct Imported {
     /// Source of the runs.
     pub origin: Origin,
-    /// The runs as trials that ended well.
+    /// The runs as trials that ended `ok`.
     pub trials: Vec<TrialResult>,
 }
 
 impl RunCollection {
-    /// The runs as trials of `name` in `environment`; `block` is the place of the entry in its section, `mapping`
-    /// how the files were read.
+    /// The runs as trials of `name` in `environment`. `block` is the index of the entry in its section; `mapping` is
+    /// the way its files were read.
     ///
     /// # Errors
     /// A description of the fault in the seeds of the runs.
@@ -145,8 +145,8 @@ impl RunCollection {
     }
 }
 
-/// The rows of a run: every value as a measurement while learning, values of one step as its episodes, and the mean of
-/// the last ones as the final measurement.
+/// The rows of a run: every value as a measurement during learning, several values of one step as its episodes, and the
+/// mean of the last ones as the final measurement.
 fn rows(run: &ImportedRun, last: u64) -> (Vec<String>, Vec<Row>) {
     let (mut names, mut rows) = (Vec::new(), Vec::new());
     for (metric, curve) in &run.curves {

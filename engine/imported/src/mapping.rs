@@ -1,4 +1,4 @@
-//! How files of other programs are read, as a study says it.
+//! The way to read files of other programs, as a study defines it.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,62 +12,63 @@ use std::{
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImportedText {
-    /// Files seen from the study's folder, or patterns of such in which `*` stands for any part of a name and `**` for
-    /// folders of any depth: tables as CSV, Parquet or JSON, and TensorBoard's event files, each also packed by gzip.
+    /// Files, relative to the study's folder, or patterns with `*` for any part of a name and `**` for folders of any
+    /// depth: tables as CSV, Parquet or JSON, and TensorBoard's event files, each also packed by gzip.
     pub from: Patterns,
-    /// The environment of the study that the runs are of; the only one where absent.
+    /// The environment of the study to which the runs belong; the only one where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub environment: Option<String>,
     /// Metrics of the study, each with the column or tag that holds it, as in `{ return: charts/episodic_return }`. A
     /// list of columns, or a pattern with `*`, takes every column as a run.
     #[schemars(extend("minProperties" = 1))]
     pub metrics: BTreeMap<String, Patterns>,
-    /// The column with the step, or `{ sum: COLUMN }` where steps are the running sum of a column, as of the lengths of
+    /// The column with the step, or `{ sum: COLUMN }` if steps are the running sum of a column, such as the lengths of
     /// episodes; event files have steps of their own.
     #[serde(default)]
     pub step: Step,
-    /// The column with the seed. Without it runs are numbered in the order of their files.
+    /// The column with the seed. Without it, runs are numbered in the order of their files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seed: Option<String>,
-    /// The column that tells the runs of one file apart, where that is not the seed.
+    /// The column that distinguishes the runs of one file, if it is not the seed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
-    /// Whether each file is a run, or all files of a folder together are one. Without it a table is a run, and a folder
-    /// of event files.
+    /// Whether each file is a run, or all files of a folder together are one. Where absent, a table is a run, and so is
+    /// a folder of event files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run_per: Option<RunPer>,
-    /// The meaning of steps that go back; such a log is refused where it is absent.
+    /// The meaning of steps that go back; where absent, such a log is refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub restart: Option<Restart>,
-    /// The meaning of several values of a run at one step. A table with such is refused where it is absent; event
-    /// files, which have one writer each, have the mean.
+    /// The meaning of several values of a run at one step. Where absent, a table with such values is refused, and event
+    /// files, which have one writer each, use the mean.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub same_step: Option<SameStep>,
-    /// Runs without a value, and values that are not finite, which are refused unless they are named here.
+    /// Parts to leave out: runs without a value, and values that are not finite; without an entry here they are
+    /// refused.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     pub leave_out: BTreeSet<LeftOut>,
-    /// Whether files with the same content count as runs of their own; a copy is counted once where it is absent.
+    /// Whether files with the same content count as separate runs; where absent, a copy is counted once.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub copies: Option<Copies>,
-    /// Lines that count: those with these values in these columns.
+    /// Values of columns that a line must have to count.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub only: BTreeMap<String, Value>,
-    /// How many of a run's last values are averaged to what it came to in the end.
+    /// Number of a run's last values that are averaged to its final value.
     #[serde(default = "one")]
     #[schemars(range(min = 1, max = 1_000_000))]
     pub last: u64,
-    /// Whose runs they are, with version and address.
+    /// Origin of the runs, with version and address.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub about: String,
 }
 
-/// Where the steps of a table stand.
+/// The source of the steps of a table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Step {
-    /// In a column.
+    /// Steps in a column.
     Column(String),
-    /// They are the running sum of a column.
+    /// Steps as the running sum of a column.
     Sum(SumOf),
 }
 
@@ -75,7 +76,7 @@ pub enum Step {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SumOf {
-    /// The column, as `l`, the length of an episode, in logs of the Monitor of Stable-Baselines3.
+    /// The column, such as `l`, the length of an episode, in logs of the Monitor of Stable-Baselines3.
     pub sum: String,
 }
 
@@ -92,7 +93,7 @@ impl Step {
         Self::Sum(SumOf { sum: column.into() })
     }
 
-    /// The column that steps are read from.
+    /// The column with the steps, or with their increments.
     #[must_use]
     pub fn column(&self) -> &str {
         match self {
@@ -102,7 +103,7 @@ impl Step {
     }
 }
 
-/// The files that make a run, where no column tells runs apart.
+/// The files that form a run, if no column distinguishes runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
@@ -120,7 +121,7 @@ pub enum RunPer {
 pub enum Restart {
     /// Another run begins.
     NewRun,
-    /// The same run went on from a checkpoint: values that were logged before, from that step on, are purged.
+    /// The same run resumed from a checkpoint: values that were logged earlier, from that step on, are purged.
     Resume,
 }
 
@@ -156,17 +157,17 @@ pub enum LeftOut {
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
 pub enum Copies {
-    /// Each counts, as where several runs gave the same values.
+    /// Each file counts, for example if several runs gave the same values.
     Count,
 }
 
-/// A pattern or a list of such.
+/// A pattern or a list of patterns.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Patterns {
-    /// One.
+    /// One pattern.
     One(String),
-    /// Several.
+    /// Several patterns.
     Several(#[schemars(length(min = 1))] Vec<String>),
 }
 
@@ -200,8 +201,8 @@ fn one() -> u64 {
     1
 }
 
-/// The keys of an entry that decide how its files are read. Keys that are absent are not part of it, so that the ids of
-/// runs do not depend on keys that were added later.
+/// The keys of an entry that determine the reading of its files. Absent keys are left out, so that the ids of runs do
+/// not depend on keys that were added later.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Mapping {
     /// Columns or tags by metric.
@@ -210,9 +211,9 @@ pub struct Mapping {
     pub step: Step,
     /// Name of the column with the seed.
     pub seed: Option<String>,
-    /// The column that tells runs apart.
+    /// The column that distinguishes runs.
     pub run: Option<String>,
-    /// The files that make a run.
+    /// The files that form a run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run_per: Option<RunPer>,
     /// The meaning of steps that go back.
@@ -229,13 +230,13 @@ pub struct Mapping {
     pub copies: Option<Copies>,
     /// Values that lines must have, as text.
     pub only: BTreeMap<String, String>,
-    /// How many of the last values make the final one.
+    /// Number of the last values that are averaged to the final one.
     pub last: u64,
-    /// Whether the files are those of an own trial, which is judged as one: values that are not finite stay, and a
+    /// Whether the files are those of an own trial, which follow other rules: values that are not finite stay, and a
     /// metric may have no value yet.
     #[serde(skip)]
     pub is_own: bool,
-    /// Line numbers at which an own trial went on from a checkpoint, by file: values after such a line replace earlier
+    /// Line numbers at which an own trial resumed from a checkpoint, by file. Values after such a line replace earlier
     /// ones at the same and later steps.
     #[serde(skip)]
     pub begins: BTreeMap<PathBuf, BTreeSet<u64>>,
@@ -262,7 +263,7 @@ impl Default for Mapping {
 }
 
 impl Mapping {
-    /// Whether these parts are left out.
+    /// Whether this part is left out.
     #[must_use]
     pub fn leaves_out(&self, part: LeftOut) -> bool {
         self.leave_out.contains(&part)
@@ -270,7 +271,7 @@ impl Mapping {
 }
 
 impl ImportedText {
-    /// How its files are read.
+    /// The way its files are read.
     #[must_use]
     pub fn mapping(&self) -> Mapping {
         let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
@@ -301,7 +302,7 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    /// The mapping is part of the ids of runs, which keys that were added later must not change.
+    /// The mapping is part of the ids of runs, so keys that were added later must not change it.
     #[test]
     fn an_entry_without_the_newer_keys_is_identified_as_before() {
         let entry =

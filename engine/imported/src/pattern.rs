@@ -5,18 +5,18 @@ use document::reach::{Outside, Reach};
 use execution::{store::names, world::fs};
 use std::path::{Component, Path, PathBuf};
 
-/// The deepest that `**` looks.
+/// Maximum depth of `**`.
 const DEEPEST: usize = 64;
-/// Most names that are looked at for one pattern: a pattern is for a folder of runs, and not for a disk.
+/// Maximum number of names that are examined for one pattern. A pattern is meant for a folder of runs, not for a disk.
 const MOST_NAMES: usize = 200_000;
 
-/// Why the files of a pattern cannot be listed.
+/// The reason why the files of a pattern cannot be listed.
 #[derive(Debug, thiserror::Error)]
 pub enum PatternError {
-    /// The pattern, or a link that it leads to, leads out of the study's folder and project.
+    /// The pattern, or a link that it follows, leads out of the study's folder and project.
     #[error(transparent)]
     Outside(Outside),
-    /// A folder on the way cannot be read.
+    /// A folder on the path cannot be read.
     #[error(transparent)]
     Unreadable(Error),
     /// The folders of the pattern have too many names.
@@ -24,13 +24,13 @@ pub enum PatternError {
     TooMany(String),
 }
 
-/// The files that a pattern names, seen from `folder`, in the order of their names; none where no file matches. A
+/// The files that match a pattern relative to `folder`, in the order of their names; empty if no file matches. A
 /// study's files lie within `reach`.
 ///
 /// # Errors
 /// [`PatternError`].
 pub fn matching(reach: &Reach, folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, PatternError> {
-    // Nothing is listed before it is known that a study may name it.
+    // Nothing is listed until the path before the first star is known to be allowed.
     let fixed = pattern.split('*').next().unwrap_or_default();
     let fixed = fixed.rsplit_once('/').map_or(".", |(folder, _)| folder);
     let is_absolute = Path::new(pattern).is_absolute();
@@ -79,15 +79,15 @@ impl FolderWalk<'_> {
                 found = self.children(&found, &name)?;
             }
         }
-        // Of `a/**/**/b` the same file is found in several ways.
+        // A pattern such as `a/**/**/b` finds the same file several times.
         found.sort();
         found.dedup();
         found.retain(|path| fs::is_file(path));
         Ok(found)
     }
 
-    /// A folder and all folders below it. Links are not followed, so that none is met again; hidden folders are passed
-    /// over, as a shell does.
+    /// A folder and all folders below it. Links are not followed, so that no folder is visited twice. Hidden folders
+    /// are skipped, as in a shell.
     fn with_folders(
         &mut self,
         path: PathBuf,
@@ -105,7 +105,7 @@ impl FolderWalk<'_> {
         Ok(())
     }
 
-    /// The names in these folders that fit a part of the pattern.
+    /// The names in these folders that match a part of the pattern.
     fn children(&mut self, folders: &[PathBuf], part: &str) -> Result<Vec<PathBuf>, PatternError> {
         let mut below = Vec::new();
         for path in folders
@@ -134,7 +134,7 @@ impl FolderWalk<'_> {
     }
 }
 
-/// The parts of a name that the stars of a pattern stand for, where the name is of the pattern.
+/// The parts of a name that the stars of a pattern stand for; `None` if the name does not match.
 pub(super) fn parts<'a>(pattern: &str, name: &'a str) -> Option<Vec<&'a str>> {
     let mut texts = pattern.split('*');
     let mut rest = name.strip_prefix(texts.next().unwrap_or_default())?;
@@ -142,7 +142,7 @@ pub(super) fn parts<'a>(pattern: &str, name: &'a str) -> Option<Vec<&'a str>> {
         return rest.is_empty().then(Vec::new);
     };
     let mut found = Vec::new();
-    // Of the texts between two stars the first place is as good as any.
+    // For a text between two stars, the first match is as good as any.
     for text in texts {
         let place = rest.find(text)?;
         found.push(&rest[..place]);

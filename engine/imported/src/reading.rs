@@ -11,12 +11,12 @@ use super::{
 use contract::Error;
 use std::path::PathBuf;
 
-/// Reads files: TensorBoard's event files, and tables in JSON, Parquet or separated text, also packed by gzip;
-/// archives of NumPy and offline runs of W&B. Files of other kinds are told by their first bytes.
+/// Reads files: TensorBoard's event files, and tables in JSON, Parquet or separated text, also packed by gzip; archives
+/// of NumPy and offline runs of W&B. Other kinds of files are recognised by their first bytes and refused.
 ///
 /// # Errors
-/// [`Error::File`] where one cannot be read, [`Error::Input`] with file, line and column where one is not as `mapping`
-/// says.
+/// [`Error::File`] if a file cannot be read, [`Error::Input`] with file, line and column if a file does not match
+/// `mapping`.
 pub fn read(files: &[PathBuf], mapping: &Mapping) -> Result<RunCollection, Error> {
     let contents: Vec<Content> = files
         .iter()
@@ -55,7 +55,7 @@ pub struct Columns {
     pub names: Vec<String>,
     /// Whether one of the files is an event file.
     pub has_tags: bool,
-    /// Whether one of the files is a log of the Monitor of Stable-Baselines3, whose steps are sums.
+    /// Whether one of the files is a log of the Monitor of Stable-Baselines3, whose steps are the sum of a column.
     pub is_monitor: bool,
 }
 
@@ -89,7 +89,7 @@ pub fn columns(files: &[PathBuf]) -> Result<Columns, Error> {
 }
 
 impl Columns {
-    /// The names for a message, and the first of them that may be a metric.
+    /// The names for a message, and the first one that may be a metric.
     #[must_use]
     pub fn for_a_question(&self) -> (String, Option<&str>) {
         const OTHERS: [&str; 8] = ["", "epoch", "iteration", "l", "name", "run", "seed", "t"];
@@ -98,7 +98,7 @@ impl Columns {
             !lower.contains("step") && !lower.contains("time") && !OTHERS.contains(&lower.as_str())
         };
         let example = self.names.iter().find(is_measured).or(self.names.first());
-        // A file with one column may be no table at all.
+        // A file with one column may not be a table at all.
         match example {
             Some(tag) if self.has_tags && self.names.len() == 1 => (tag.clone(), Some(tag)),
             _ => (

@@ -1,5 +1,5 @@
-//! Logs whose steps go back: two runs in one log, or a run that went on from a checkpoint. They are told apart as an
-//! entry of the study says, or refused.
+//! Logs whose steps go back: two runs in one log, or a run that resumed from a checkpoint. The entry of the study
+//! defines how to separate them; without that they are refused.
 
 use super::{
     content::Content,
@@ -8,7 +8,8 @@ use super::{
 use contract::Error;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// How often the steps of a log may go back. A log that goes back more often is not ordered by steps.
+/// Maximum number of times that the steps of a log may go back. A log that goes back more often is not ordered by
+/// steps.
 const MOST_RESTARTS: usize = 100;
 
 /// A value as it was logged.
@@ -22,21 +23,21 @@ pub(super) struct LogValue {
     pub(super) value: f64,
 }
 
-/// The values of a run as its files have them, one file after the other.
+/// The values of a run in its files, one file after the other.
 #[derive(Debug, Default)]
 pub(super) struct Log {
     pub(super) entries: Vec<LogValue>,
-    /// Places at which another log begins for sure, as where the names of the columns stand again.
+    /// Places at which another log certainly begins, for example because the names of the columns are repeated.
     pub(super) begins: BTreeSet<(usize, u64)>,
 }
 
-/// A run that was told apart from others in its log.
+/// A run that was separated from others in its log.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct SeparatedRun {
-    /// The place at which it begins, where that is not the beginning of the log.
+    /// The place at which it begins; `None` at the beginning of the log.
     pub(super) from: Option<(usize, u64)>,
     pub(super) entries: Vec<LogValue>,
-    /// Number of values at a step that has another one.
+    /// Number of values at a step that has another value.
     pub(super) repeated: usize,
     /// Number of values that were purged.
     pub(super) purged: usize,
@@ -48,12 +49,12 @@ pub(super) struct Rules {
     same_step: Option<SameStep>,
     /// The name of a place in a file.
     pub(super) unit: &'static str,
-    /// How runs are told apart, for messages.
+    /// The option that separates runs, for messages.
     remedy: &'static str,
 }
 
 impl Rules {
-    /// For lines of tables, in which several runs can stand.
+    /// Rules for lines of tables, which may contain several runs.
     pub(super) fn of_tables(mapping: &Mapping) -> Self {
         Self {
             restart: mapping.restart,
@@ -63,7 +64,7 @@ impl Rules {
         }
     }
 
-    /// For records of event files; each file has one writer.
+    /// Rules for records of event files; each file has one writer.
     pub(super) fn of_event_files(mapping: &Mapping) -> Self {
         Self {
             restart: mapping.restart,
@@ -73,10 +74,10 @@ impl Rules {
         }
     }
 
-    /// The runs in a log whose values are of one of `slots`.
+    /// The runs in a log, judged by the values of `slots`.
     ///
     /// # Errors
-    /// [`Error::Input`] with the place at which steps go back or repeat, where the study does not give the meaning.
+    /// [`Error::Input`] with the place at which steps go back or repeat, if the study does not define the meaning.
     pub(super) fn told_apart(
         &self,
         mut log: Log,
@@ -84,7 +85,7 @@ impl Rules {
         files: &[&Content],
     ) -> Result<Vec<SeparatedRun>, Error> {
         match overlap(&log.entries) {
-            // The names of files that follow one another may be in any order.
+            // The files of a run may be named in any order.
             None => by_steps(&mut log.entries),
             Some(pair) if self.restart.is_none() => return Err(self.two_files(pair.map(|file| files[file]))),
             Some(_) => {}
@@ -189,7 +190,7 @@ impl Rules {
 }
 
 impl LogValue {
-    /// Whether its step is not above that of an earlier value. In another file an equal step was logged by another
+    /// Whether its step is not above that of an earlier value. An equal step in another file was logged after a new
     /// start of the program.
     fn goes_back(&self, before: &Self) -> bool {
         let is_other_file = self.place.0 != before.place.0;
@@ -198,7 +199,7 @@ impl LogValue {
 }
 
 impl SeparatedRun {
-    /// Ends the run before the line of an entry, with which the next one begins.
+    /// Ends the run before the line of an entry; the next run begins there.
     fn split(&mut self, entry: &LogValue) -> Self {
         let of_line = self
             .entries
@@ -214,7 +215,7 @@ impl SeparatedRun {
         std::mem::replace(self, next)
     }
 
-    /// Takes away the values from the step of an entry on, but for those of its own line.
+    /// Removes the values from the step of an entry on, except those of its own line.
     fn purge(&mut self, entry: &LogValue) {
         let before = self.entries.len();
         self.entries
@@ -236,7 +237,7 @@ impl SeparatedRun {
     }
 }
 
-/// Two files that have the same steps of a slot.
+/// Two files with the same steps of a slot.
 fn overlap(entries: &[LogValue]) -> Option<[usize; 2]> {
     let mut spans: BTreeMap<(usize, usize), (u64, u64)> = BTreeMap::new();
     for entry in entries {
@@ -255,7 +256,7 @@ fn overlap(entries: &[LogValue]) -> Option<[usize; 2]> {
     Some([pair[0].2, pair[1].2])
 }
 
-/// Brings the files in the order of their first steps.
+/// Sorts the files by their first steps.
 fn by_steps(entries: &mut [LogValue]) {
     let mut first: BTreeMap<usize, u64> = BTreeMap::new();
     for entry in entries.iter() {
@@ -396,7 +397,7 @@ mod tests {
             slot,
             value: 0.0,
         };
-        // The second slot goes back in a line in which the first one does not.
+        // The second slot goes back in a line where the first one does not.
         let log = Log {
             entries: vec![entry(2, 5, 1), entry(3, 1, 0), entry(3, 1, 1)],
             ..Log::default()
@@ -411,7 +412,7 @@ mod tests {
     }
 
     proptest::proptest! {
-        /// No value is lost where runs are told apart, and a run that went on has the values of a naive purge.
+        /// No value is lost if runs are separated, and a resumed run has the values of a naive purge.
         #[test]
         fn steps_never_go_back_in_what_is_read(steps in proptest::collection::vec(0_u64..20, 1..60)) {
             let logged: Vec<(u64, f64)> = steps.iter().zip(0_u32..).map(|(step, at)| (*step, f64::from(at))).collect();

@@ -1,4 +1,5 @@
-//! Text with a separator between columns: commas, tabs, semicolons or bars, whichever splits all lines alike.
+//! Text with a separator between columns: commas, tabs, semicolons or bars, whichever splits all lines into the same
+//! number of columns.
 
 use super::{
     content::Content,
@@ -7,10 +8,9 @@ use super::{
 use contract::Error;
 use csv::{ReaderBuilder, StringRecord};
 
-/// Separators, in the order in which they are tried. Spaces separate in files that begin with a comment, as NumPy
-/// writes them.
+/// Separators, in order of preference. Spaces separate only in files that begin with a comment, as NumPy writes them.
 const SEPARATORS: [u8; 5] = [b',', b'\t', b';', b'|', b' '];
-/// Number of lines by which the separator is found.
+/// Number of lines that are examined to find the separator.
 const LOOKED_AT: usize = 20;
 
 /// A line with its number.
@@ -68,7 +68,7 @@ pub(super) fn table(file: &Content) -> Result<LogTable, Error> {
     Ok(table)
 }
 
-/// A reader of lines. A file that begins with a comment has more of them.
+/// A reader of lines. Only a file that begins with a comment may contain further comments.
 fn reader(text: &str, separator: u8) -> csv::Reader<&[u8]> {
     ReaderBuilder::new()
         .delimiter(separator)
@@ -88,7 +88,8 @@ fn records(file: &Content, text: &str, separator: u8) -> Result<Vec<Record>, Err
         if !more.map_err(|error| file.wrong(error.position().map(csv::Position::line), error.to_string()))? {
             return Ok(records);
         }
-        // The reader tells where it began to look, which may be a comment or an empty line above the record.
+        // The reader returns the position where it began to look, which may be a comment or an empty line above the
+        // record.
         let looked = cells.position().map_or(0, csv::Position::byte);
         let mut begin = usize::try_from(looked).unwrap_or(usize::MAX).min(text.len());
         let mut is_below_comment = false;
@@ -111,8 +112,8 @@ fn records(file: &Content, text: &str, separator: u8) -> Result<Vec<Record>, Err
     }
 }
 
-/// The line of the names, the names, and the lines below. Where numbers follow a comment with as many parts, the names
-/// stand in it.
+/// The line of the names, the names, and the lines below. If a comment precedes lines of numbers and has as many parts,
+/// it holds the names.
 fn head<'a>(text: &str, separator: u8, records: &'a [Record]) -> Option<(u64, Vec<String>, &'a [Record])> {
     let (first, rest) = records.split_first()?;
     let trimmed = |name: &str| name.trim().to_owned();
@@ -138,7 +139,7 @@ fn is_head(cells: &StringRecord, names: &[String]) -> bool {
     cells.len() == names.len() && cells.iter().zip(names).all(|(cell, name)| cell.trim() == name)
 }
 
-/// Whether a line is the last one and has no end, as where a program was ended while it wrote.
+/// Whether a line is the last one and has no line end, for example because a program was killed while writing.
 fn is_torn(text: &str, number: u64) -> bool {
     let lines = text.lines().count() as u64;
     number == lines && number > 2 && !text.ends_with('\n')
@@ -172,7 +173,8 @@ fn lengths(cells: &StringRecord, names: &[String], separator: u8) -> String {
     )
 }
 
-/// The separator that splits the first lines into most columns, as many in each; the last line may be cut off.
+/// The separator that splits the first lines into the most columns, equally many in each; the last line may be
+/// incomplete.
 fn separator(text: &str) -> u8 {
     let columns = |separator: u8| {
         let records = reader(text, separator).into_records().take(LOOKED_AT);
@@ -187,7 +189,7 @@ fn separator(text: &str) -> u8 {
         .find(|line| !line.starts_with('#'))
         .unwrap_or_default();
     let in_head = |separator: &u8| head.bytes().filter(|byte| byte == separator).count();
-    // Of equals the last is the greatest, and commas are to be.
+    // The last of equal maxima is chosen, so the order is reversed to prefer commas.
     let tried = || {
         SEPARATORS
             .into_iter()
@@ -201,8 +203,8 @@ fn separator(text: &str) -> u8 {
     )
 }
 
-/// How fractions are written between semicolons or tabs: with the sign that stands in a number which cannot be read
-/// otherwise.
+/// The decimal sign of a table with semicolons or tabs between columns: the sign in a number that can be read in only
+/// one way.
 fn decimals(table: &LogTable) -> Decimals {
     let cells = || {
         table

@@ -10,17 +10,17 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Default)]
 pub(super) struct LogTable {
     pub(super) path: PathBuf,
-    /// The line of the file in which the names stand; 0 where they stand in every record.
+    /// The line of the file with the names; 0 if every record contains them.
     pub(super) head: u64,
     pub(super) names: Vec<String>,
     pub(super) lines: Vec<LogLine>,
-    /// How fractions are written.
+    /// The decimal sign of numbers.
     pub(super) decimals: Decimals,
     /// The time at which a log of the Monitor of Stable-Baselines3 begins, in seconds since 1970.
     pub(super) started: Option<f64>,
     /// Whether it was merged from the logs of several environments, in the order of time.
     pub(super) is_merged: bool,
-    /// Remarks on values that were not taken as they stand.
+    /// Remarks on values that were changed while reading.
     pub(super) notes: Vec<String>,
 }
 
@@ -29,21 +29,22 @@ pub(super) struct LogTable {
 pub(super) struct LogLine {
     /// Number of the line in the file, from 1.
     pub(super) number: u64,
-    /// Whether names or a comment stand before it, as where a second log is appended.
+    /// Whether names or a comment precede it, for example because a second log was appended.
     pub(super) begins_again: bool,
-    /// Its cells; those that are missing at its end are empty.
+    /// Its cells; missing cells at the end are empty.
     pub(super) cells: StringRecord,
 }
 
-/// How the numbers of a table are written.
+/// The decimal sign of a table's numbers.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) enum Decimals {
-    /// With a point; a comma in a number is a mistake.
+    /// A point; a comma in a number is an error.
     #[default]
     Point,
-    /// With a comma, as in `0,5`; a point in a number is unclear.
+    /// A comma, as in `0,5`; a point in a number is ambiguous.
     Comma,
-    /// Between semicolons or tabs a comma or a point may group thousands, and nothing in the table says it.
+    /// Unknown: between semicolons or tabs, a comma or a point may group thousands, and no number in the table shows
+    /// which.
     Unclear,
 }
 
@@ -64,7 +65,7 @@ impl LogTable {
         is_log.then(|| self.names.iter().position(|name| name == "t"))?
     }
 
-    /// The place of a column.
+    /// The index of a column.
     ///
     /// # Errors
     /// [`Error::Input`] where there is none, or two.
@@ -77,7 +78,7 @@ impl LogTable {
         }
     }
 
-    /// Refuses a table with numbers where its names are expected.
+    /// Refuses a table that has numbers in the line of its names.
     pub(super) fn has_names(&self) -> Result<(), Error> {
         if self.names.is_empty() || !self.names.iter().all(|name| name.parse::<f64>().is_ok()) {
             return Ok(());
@@ -99,7 +100,7 @@ impl LogTable {
         })
     }
 
-    /// The line in which the names stand, where it is a line of text.
+    /// The line with the names; `None` if they are not in a line of text.
     pub(super) fn head(&self) -> Option<u64> {
         Some(self.head).filter(|line| *line > 0)
     }
@@ -118,7 +119,7 @@ impl LogTable {
         self.wrong(line, column, &format!("`{shown}` {problem}"))
     }
 
-    /// The number in a cell, which may be infinite or none.
+    /// The number in a cell, which may be infinite or NaN.
     pub(super) fn number(&self, line: &LogLine, column: usize) -> Result<f64, Error> {
         let text = self.cell(line, column);
         let unclear =
@@ -166,7 +167,7 @@ impl LogTable {
     }
 }
 
-/// A number as a count, where it is one.
+/// A number as a count; `None` if it is not a whole number.
 pub(super) fn whole(number: f64) -> Option<u64> {
     #[allow(
         clippy::cast_possible_truncation,
@@ -178,7 +179,7 @@ pub(super) fn whole(number: f64) -> Option<u64> {
         .map(|number| number as u64)
 }
 
-/// Whether digits stand in groups of three with points between them, as in `1.000`.
+/// Whether digits form groups of three with points between them, as in `1.000`.
 pub(super) fn has_groups(text: &str) -> bool {
     let mut groups = text.split('.');
     let digits = |group: &str| !group.is_empty() && group.bytes().all(|byte| byte.is_ascii_digit());
@@ -189,8 +190,8 @@ pub(super) fn has_groups(text: &str) -> bool {
     first && !rest.is_empty() && rest.iter().all(|group| group.len() == 3 && digits(group))
 }
 
-/// Whether a number with one comma has a fraction for sure: `Some(false)` where the comma may group thousands,
-/// `None` where it is no number with one comma.
+/// Whether a number with one comma certainly has a fraction: `Some(false)` if the comma may group thousands, `None` if
+/// it is not a number with one comma.
 pub(super) fn commas(text: &str) -> Option<bool> {
     let (before, behind) = text.split_once(',')?;
     let (fraction, exponent) = behind.split_once(['e', 'E']).unwrap_or((behind, "0"));
@@ -201,8 +202,8 @@ pub(super) fn commas(text: &str) -> Option<bool> {
     is_number.then(|| fraction.len() != 3 || before.len() > 3 || before.is_empty() || before.starts_with('0'))
 }
 
-/// Logs of the Monitor of Stable-Baselines3 in one folder as that program reads them: the episodes of all environments
-/// of a run in the order of time.
+/// Logs of the Monitor of Stable-Baselines3 in one folder, merged as that program merges them: the episodes of all
+/// environments of a run in the order of time.
 pub(super) fn by_time(tables: Vec<LogTable>) -> Result<LogTable, Error> {
     let mut timed = Vec::new();
     for table in &tables {
@@ -228,7 +229,7 @@ pub(super) fn is_of_environment(path: &Path) -> bool {
     place.is_some_and(|place| !place.is_empty() && place.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
-/// The columns of a mapping that are neither metrics nor steps, in a table.
+/// The columns of a table that a mapping uses other than for metrics and steps.
 pub(super) struct Keys<'m> {
     pub(super) seed: Option<usize>,
     pub(super) run: Option<usize>,

@@ -16,8 +16,8 @@ use super::{
 use contract::{Error, panics, parquet::ParquetTable};
 use std::{collections::BTreeMap, path::PathBuf};
 
-/// Adds the runs of all files together, in the order in which they begin. Without a column that tells runs apart every
-/// file is one.
+/// Adds the runs of all files together, in the order of their first lines. If no column distinguishes runs, every file
+/// is one.
 pub(super) fn runs(
     files: &[(&Content, LogFormat)],
     mapping: &Mapping,
@@ -65,7 +65,7 @@ fn from_parquet(file: &Content) -> Result<LogTable, Error> {
     })
 }
 
-/// The tables of environments that belong to one run, merged where the entry says that a folder is a run.
+/// The tables of environments that belong to one run, merged if the entry defines a folder as a run.
 fn merged(
     tables: Vec<(usize, LogTable)>,
     mapping: &Mapping,
@@ -112,13 +112,13 @@ fn merged(
     Ok(others)
 }
 
-/// The part of a key that is the file or the folder, the run, and the seed.
+/// The key of a run: the file or folder, the run, and the seed.
 type Key = (Option<PathBuf>, String, Option<u64>);
 
 /// The runs of some tables while they are read.
 struct RunCollector<'m> {
     mapping: &'m Mapping,
-    /// In the order in which they begin.
+    /// The groups, in the order of their first lines.
     groups: Vec<Sums>,
     places: BTreeMap<Key, usize>,
     /// Number of lines that have the values of `only`.
@@ -126,11 +126,11 @@ struct RunCollector<'m> {
     not_finite: usize,
 }
 
-/// A group with the steps that its lines add up to.
+/// A group with the running sum of its steps.
 struct Sums {
     group: LogGroup,
     sum: u64,
-    /// File and time of the line that was added last.
+    /// File and time of the last added line.
     last: Option<(usize, Option<f64>)>,
 }
 
@@ -186,7 +186,7 @@ impl<'m> RunCollector<'m> {
         Ok(())
     }
 
-    /// The group of a line; a table without lines has one, too.
+    /// The group of a line; a table without lines also has one.
     fn group(&mut self, table: &LogTable, run: Option<String>, seed: Option<u64>) -> usize {
         let folder = table
             .path
@@ -218,7 +218,7 @@ impl<'m> RunCollector<'m> {
         place
     }
 
-    /// Adds the values of a line to its group. Programs that log metrics at different steps leave gaps.
+    /// Adds the values of a line to its group. Programs that log metrics at different steps leave empty cells.
     fn line(
         &mut self,
         at: LineContext<'_>,
@@ -259,7 +259,7 @@ impl<'m> RunCollector<'m> {
         Ok(())
     }
 
-    /// Tells the runs of every group apart.
+    /// Separates the runs of every group.
     fn end(self, files: &[&Content], found: &mut RunCollection) -> Result<(), Error> {
         if let Some(first) = files
             .first()
@@ -290,8 +290,8 @@ impl<'m> RunCollector<'m> {
 }
 
 impl Sums {
-    /// The step of a line as the running sum of a column. A log that was appended begins where names or a comment stand
-    /// above, and where the time of a Monitor goes back.
+    /// The step of a line as the running sum of a column. A new log begins after names or a comment in the middle of a
+    /// file, and where the time of a Monitor goes back.
     fn add(&mut self, at: LineContext<'_>, column: usize, mapping: &Mapping) -> Result<u64, Error> {
         let length = at.table.whole(at.line, column)?;
         let time = at
@@ -312,7 +312,7 @@ impl Sums {
     }
 }
 
-/// The column that steps are read from.
+/// The column with the steps, or with their increments.
 fn steps(table: &LogTable, mapping: &Mapping) -> Result<usize, Error> {
     let name = mapping.step.column();
     let found = table.column(name);

@@ -1,10 +1,9 @@
-//! Runs of W&B that were kept offline: `run-ID.wandb`, a log in LevelDB's format of records in Protocol Buffers.
+//! Offline runs of W&B: `run-ID.wandb`, a log in LevelDB's format with records in Protocol Buffers.
 //!
-//! The file begins with `:W&B`, two bytes and a version, and goes on in blocks of 32768 bytes. A block holds
-//! fragments: a CRC-32 of kind and data (u32), the length of the data (u16, both little endian), the kind
-//! (whole, first, middle, last) and the data; less than a head at the end of a block is padding. Numbers of
-//! fields are those of
-//! `wandb/proto/wandb_internal.proto`.
+//! The file begins with `:W&B`, two bytes and a version, followed by blocks of 32768 bytes. A block holds fragments: a
+//! CRC-32 of kind and data (u32), the length of the data (u16, both little endian), the kind (whole, first, middle,
+//! last) and the data. If the end of a block is shorter than a fragment's head, it is padding. Numbers of fields are
+//! those of `wandb/proto/wandb_internal.proto`.
 
 use super::{
     content::Content,
@@ -42,7 +41,7 @@ struct History {
 struct Item {
     #[prost(string, tag = "1")]
     key: String,
-    /// The parts of a nested name, from the outside to the inside, instead of `key`.
+    /// The parts of a nested name, from outer to inner, instead of `key`.
     #[prost(string, repeated, tag = "2")]
     nested_key: Vec<String>,
     #[prost(string, tag = "16")]
@@ -95,7 +94,7 @@ pub(super) fn table(file: &Content) -> Result<LogTable, Error> {
     })
 }
 
-/// The values of a call, each under its name.
+/// The values of a call, by name.
 fn values(history: &History) -> Vec<(String, String)> {
     let named = |item: &Item| match item.nested_key.is_empty() {
         true => item.key.clone(),
@@ -111,18 +110,18 @@ fn values(history: &History) -> Vec<(String, String)> {
     values
 }
 
-/// A value as the cell of a table; `None` for lists and objects, as of pictures and histograms.
+/// A value as the cell of a table; `None` for lists and objects such as pictures and histograms.
 fn text(json: &str) -> Option<String> {
     match serde_json::from_str(json) {
         Ok(Value::Array(_) | Value::Object(_) | Value::Null) => None,
         Ok(Value::String(text)) => Some(text),
         Ok(Value::Bool(is_true)) => Some(u8::from(is_true).to_string()),
-        // `NaN` and `Infinity` are no JSON, and numbers stay as they are written.
+        // `NaN` and `Infinity` are not valid JSON, and numbers keep their notation.
         Ok(Value::Number(_)) | Err(_) => Some(json.trim().to_owned()),
     }
 }
 
-/// The records of a log, and whether its last one is not whole.
+/// The records of a log, and whether the last one is incomplete.
 fn records(file: &Content) -> Result<(Vec<Vec<u8>>, bool), Error> {
     let bytes = &file.bytes;
     let (mut all, mut begun) = (Vec::new(), None::<Vec<u8>>);
@@ -166,14 +165,14 @@ fn records(file: &Content) -> Result<(Vec<Vec<u8>>, bool), Error> {
     Ok((all, begun.is_some()))
 }
 
-/// The kind and the data of the fragment at the beginning; `None` where it is not whole.
+/// The kind and the data of the first fragment; `None` if it is incomplete.
 fn fragment(bytes: &[u8]) -> Option<(u8, &[u8])> {
     let head = bytes.get(..FRAGMENT_HEAD)?;
     let length = usize::from(u16::from_le_bytes([head[4], head[5]]));
     Some((head[6], bytes.get(FRAGMENT_HEAD..FRAGMENT_HEAD + length)?))
 }
 
-/// Whether a fragment fits its checksum.
+/// Whether a fragment matches its checksum.
 fn is_intact(fragment: &[u8]) -> bool {
     let said = u32::from_le_bytes([fragment[0], fragment[1], fragment[2], fragment[3]]);
     crc32fast::hash(&fragment[FRAGMENT_HEAD - 1..]) == said
@@ -238,7 +237,7 @@ mod tests {
         assert!(read(&damaged).unwrap_err().contains("it is damaged at byte 7"));
     }
 
-    /// A record over three blocks, and padding that is shorter than a head.
+    /// A record across three blocks, and padding that is shorter than a fragment's head.
     #[test]
     fn records_go_on_over_blocks() {
         let long = History {

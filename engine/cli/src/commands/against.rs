@@ -1,4 +1,4 @@
-//! `report --against`: two sets of results side by side.
+//! `report --against`: compares two sets of results.
 
 use super::{
     Common, Format, Studies,
@@ -11,26 +11,26 @@ use report::compare::{markdown, text};
 use session::{Exit, Failure, Other};
 use std::path::{Path, PathBuf};
 
-/// Other results that a report is held against, and how the differences are shown.
+/// Other results to compare a report with, and the display of the differences.
 #[derive(Debug, Clone, Args)]
 pub(super) struct Against {
-    /// Say what SPEC, a study or a folder of results, differs in from these results: which values moved beyond the
-    /// interval of their difference, which verdicts changed, which settings differ. They are a study file, a folder of
-    /// results, or such a folder in a commit as `REV:FOLDER`.
+    /// Compare SPEC, a study or a folder of results, with these results: show values that moved beyond the interval of
+    /// their difference, changed verdicts and different settings. RESULTS is a study file, a folder of results, or such
+    /// a folder in a commit as `REV:FOLDER`.
     #[arg(long, value_name = "RESULTS", conflicts_with_all = ["sets", "seeds", "only", "out", "verbose", "recorded"])]
     pub(super) against: Option<PathBuf>,
-    /// Store of the trials of RESULTS, where that is a study; `--store` where absent.
+    /// Store of the trials of RESULTS if it is a study; `--store` where absent.
     #[arg(long, value_name = "DIR", requires = "against")]
     against_store: Option<PathBuf>,
-    /// Show cells that did not move, too.
+    /// Also show cells that did not move.
     #[arg(long, requires = "against")]
     all: bool,
-    /// Write the comparison into a file as well, as Markdown.
+    /// Also write the comparison into a file, as Markdown.
     #[arg(long, value_name = "FILE", requires = "against")]
     changes: Option<PathBuf>,
 }
 
-/// 4 where the two have nothing in common, 101 under `--strict` where something moved.
+/// Exit code 4 if the two have nothing in common, 101 under `--strict` if something moved.
 pub(super) fn report(
     registry: &Registry,
     (studies, strict): (&Studies, bool),

@@ -1,4 +1,4 @@
-//! Options that several commands take, and what they come to.
+//! Options that several commands share, and the settings made of them.
 
 use super::{Person, consent::Consent, summaries::Summaries};
 use clap::{Args, ValueEnum};
@@ -20,11 +20,11 @@ pub(super) struct Common {
     /// Profile of regimen.toml to use.
     #[arg(long, global = true, env = "REGIMEN_MACHINE", value_name = "NAME")]
     pub(super) machine: Option<String>,
-    /// Largest file, in megabytes, that is read as a study, data, curves or runs of others; usually 10 MB of a
-    /// study, 256 MB of other text and 16 GB of other bytes.
+    /// Largest file, in megabytes, that is read as a study, data, curves or imported runs; by default 10 MB for a
+    /// study, 256 MB for other text and 16 GB for other binary files.
     #[arg(long, global = true, env = "REGIMEN_INPUT_MB", value_name = "MB", value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     pub(super) input_mb: Option<u64>,
-    /// How to print: for people or as JSON.
+    /// Output format: text for people, or JSON.
     #[arg(long, global = true, value_enum, default_value_t = Format::Text)]
     pub(super) format: Format,
 }
@@ -47,7 +47,7 @@ pub(super) enum Format {
     Json,
 }
 
-/// Which studies, and with which budget.
+/// Selected studies, with their budget and the trials to keep.
 #[derive(Debug, Clone, Args)]
 pub(super) struct Studies {
     /// Study files.
@@ -59,7 +59,7 @@ pub(super) struct Studies {
     /// Replace one value, as in `--set dsac.discount=0.999`.
     #[arg(long = "set", short = 'S', value_name = "PATH=VALUE")]
     pub(super) sets: Vec<String>,
-    /// Number of seeds, in place of the study's.
+    /// Number of seeds, instead of the study's.
     #[arg(long, value_name = "N")]
     pub(super) seeds: Option<u64>,
     /// Only trials of these environments and agents (names of the study).
@@ -80,7 +80,7 @@ impl Studies {
         Session::open(registry, selection, common.machine(), &Person)
     }
 
-    /// The same for a command that takes the store as it is here, and nothing from a bucket.
+    /// The same for a command that uses the local store as it is, and fetches nothing from a bucket.
     pub(super) fn open_here<'a>(
         &self,
         registry: &'a Registry,
@@ -105,16 +105,16 @@ pub(super) struct RunArgs {
     /// regimen.toml, else the processor.
     #[arg(long, value_name = "NAME")]
     pub(super) device: Option<String>,
-    /// With a queue: leave after the submission; a later `run` follows it.
+    /// With a queue: return after the submission; a later `run` follows it.
     #[arg(long)]
     pub(super) detach: bool,
-    /// Say what would run, and run nothing.
+    /// Show what would run, and run nothing.
     #[arg(long, short = 'n')]
     pub(super) dry_run: bool,
     /// Run failed trials again.
     #[arg(long)]
     pub(super) retry_failed: bool,
-    /// Compute no trial of a program a second time to see whether it repeats.
+    /// Compute no trial of a program a second time to test whether it gives the same values.
     #[arg(long)]
     pub(super) no_rehearsal: bool,
     #[command(flatten)]
@@ -123,31 +123,31 @@ pub(super) struct RunArgs {
     pub(super) consent: Consent,
 }
 
-/// Limits of one trial and retries; each replaces that of the study and of regimen.toml.
+/// Limits and retries of a trial; each replaces that of the study and of regimen.toml.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct LimitArgs {
     /// Stop at the first trial that does not end `ok`; the running ones save a checkpoint.
     #[arg(long, conflicts_with = "keep_going")]
     pub(super) fail_fast: bool,
-    /// Go on after trials that fail (the default).
+    /// Continue after trials that fail (the default).
     #[arg(long)]
     pub(super) keep_going: bool,
-    /// How often a trial that was killed from outside is tried again.
+    /// Number of retries of a trial that was killed from outside.
     #[arg(long, value_name = "N", value_parser = retries)]
     pub(super) retries: Option<u32>,
-    /// End states after which a trial is tried again, in place of `killed`.
+    /// End states after which a trial is tried again, instead of `killed`.
     #[arg(long, value_name = "STATE", value_delimiter = ',', value_parser = end_state)]
     pub(super) retry_on: Vec<EndState>,
-    /// Wait before the first retry; it doubles with each further one.
+    /// Wait before the first retry; it doubles with each further retry.
     #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = retry_delay_s)]
     pub(super) retry_delay_s: Option<f64>,
-    /// Longest time of an attempt at a trial.
+    /// Longest time of one attempt at a trial.
     #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = wall_time_s)]
     pub(super) wall_time_s: Option<f64>,
-    /// Longest time for which nothing may be heard of a program that trains itself.
+    /// Longest time without output of a program that trains itself.
     #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = stalled_after_s)]
     pub(super) stalled_after_s: Option<f64>,
-    /// Most memory of a trial's process.
+    /// Maximum memory of a trial's process.
     #[arg(long, value_name = "MB", value_parser = memory_mb)]
     pub(super) memory_mb: Option<u64>,
 }
@@ -162,7 +162,7 @@ pub(super) fn one_or_more(text: &str) -> Result<usize, String> {
 }
 
 impl LimitArgs {
-    /// The limits that are said.
+    /// The limits given on the command line.
     pub(super) fn limits(&self) -> Limits {
         Limits {
             wall_time_s: self.wall_time_s,
@@ -210,7 +210,7 @@ fn retry_delay_s(text: &str) -> Result<f64, String> {
     })
 }
 
-/// A limit that holds, of the same check as everywhere.
+/// A valid limit; the check is the one for all limits.
 fn limit<T>(text: &str, limits: impl Fn(T) -> Limits) -> Result<T, String>
 where
     T: std::str::FromStr<Err: std::fmt::Display> + Copy,
@@ -246,7 +246,7 @@ pub(super) struct WorkerArgs {
     /// Worker processes.
     #[arg(long, short = 'j', default_value_t = 1, value_parser = one_or_more)]
     pub(super) jobs: usize,
-    /// The submission that it belongs to: nothing runs once nobody waits for it.
+    /// The submission that started it: nothing runs once it is cancelled.
     #[arg(long, value_name = "ID", hide = true)]
     pub(super) submission: Option<String>,
     #[command(flatten)]
@@ -259,21 +259,21 @@ pub(super) struct WorkerArgs {
 
 #[derive(Debug, Clone, Args)]
 pub(super) struct ReportArgs {
-    /// Folder for tables, figures and the report, or for those of several studies, each in a folder of its name;
-    /// `results/<study>`, with `-<profile>` and with `+<options>` behind it where the study is not run as it is
-    /// written. Several studies have one page over all of them, too: `index.html` around their folders.
+    /// Folder for tables, figures and the report; with several studies, the folder that contains one folder for each.
+    /// Without it `results/<study>`, followed by `-<profile>` and `+<options>` if the study does not run as written.
+    /// Several studies also get a common page: `index.html` beside their folders.
     #[arg(long, short = 'o', value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
-    /// Leave with 101 where a published value or a claim differs.
+    /// Exit with 101 if a published value or a claim differs.
     #[arg(long)]
     pub(super) strict: bool,
-    /// Print every table and claim, not the answers and the first table alone.
+    /// Print every table and claim, instead of only the answers and the first table.
     #[arg(long, short = 'v')]
     pub(super) verbose: bool,
 }
 
 impl ReportArgs {
-    /// Where reports go, and what of them counts.
+    /// Destination of reports, and the results that count as failures.
     pub(super) fn options(&self) -> ReportOptions {
         ReportOptions {
             out: self.out.clone(),

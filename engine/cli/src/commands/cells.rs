@@ -1,4 +1,4 @@
-//! The trials of a study by cell, as `plan` and `status` show them.
+//! The trials of a study by cell, as `plan` and `status` print them.
 
 use super::Format;
 use contract::trial_end::{EndState, TrialEnd};
@@ -8,7 +8,7 @@ use session::{DeviceEstimate, Planned, Session, StudyState};
 use std::collections::BTreeMap;
 use study::plan::{self, Estimate};
 
-/// A study's trials by cell, and what is known of the missing ones.
+/// A study's trials by cell, with the reasons and the cost of the missing ones.
 pub(super) fn overview(
     session: &Session<'_>,
     one: &Planned,
@@ -57,7 +57,7 @@ struct CellCounts {
     ok: usize,
     failed: usize,
     missing: usize,
-    /// Missing ones that do not run by themselves.
+    /// Missing trials that will not run by themselves.
     blocked: usize,
 }
 
@@ -73,7 +73,7 @@ fn cells<'a>(one: &'a Planned, state: &StudyState) -> Vec<(Names<'a>, CellCounts
             trial.cell.agent.as_str(),
             trial.cell.point.words(),
         );
-        // The trials of a cell stand side by side in a plan, except for those of later looks.
+        // The trials of a cell are neighbours in a plan, except for those of later looks.
         let place = *places.entry(names).or_insert(cells.len());
         if place == cells.len() {
             cells.push((names, CellCounts::default()));
@@ -97,7 +97,7 @@ impl CellCounts {
     }
 }
 
-/// A line for each cell under one that says what they are; settings and blocked trials only where there are any.
+/// A heading and a line for each cell. The columns for settings and blocked trials appear only if there are any.
 fn rows(cells: &[(Names<'_>, CellCounts)]) -> Vec<String> {
     let width = |of: fn(&Names<'_>) -> usize, least: usize| {
         cells.iter().map(|(key, _)| of(key)).max().unwrap_or(0).max(least)
@@ -154,7 +154,7 @@ fn cost_line(estimate: &Estimate, blocked: usize, failed: usize, workers: usize)
     }
 }
 
-/// As in `with --device cuda: about 20 s on 16 workers`.
+/// A line such as `with --device cuda: about 20 s on 16 workers`.
 fn device_line(on_device: &DeviceEstimate) -> String {
     let DeviceEstimate {
         device,
@@ -164,7 +164,7 @@ fn device_line(on_device: &DeviceEstimate) -> String {
     format!("  with --device {device}: {}", time(estimate, *workers))
 }
 
-/// As in `60 missing: about 3 min on 2 workers, and 20 trials unlike any that is stored`.
+/// A line such as `60 missing: about 3 min on 2 workers, and 20 trials unlike any that is stored`.
 fn in_words(estimate: &Estimate, workers: usize) -> String {
     format!("{} missing: {}", estimate.missing, time(estimate, workers))
 }

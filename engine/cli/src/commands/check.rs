@@ -1,4 +1,4 @@
-//! `check`, `resolve`: studies read, and nothing run.
+//! `check`, `resolve`: read studies without running anything.
 
 use super::{Common, Format, Studies, complain, consent::Consent, say};
 use analysis::claim;
@@ -19,7 +19,8 @@ use study::Study;
 pub(super) struct CheckOptions {
     #[command(flatten)]
     studies: Studies,
-    /// Start each program twice, with one seed, up to its first measurement, and say whether it repeats.
+    /// Start each program twice with the same seed, up to its first measurement, and report whether its values are
+    /// equal.
     #[arg(long)]
     rehearse: bool,
     /// Longest time of each of the two runs.
@@ -29,7 +30,7 @@ pub(super) struct CheckOptions {
     consent: Consent,
 }
 
-/// `check`, with its rehearsal where that is asked for and every study holds.
+/// `check`, followed by the rehearsal of programs if it was requested and every study is valid.
 pub(super) fn check(registry: &Registry, options: &CheckOptions, common: &Common) -> Result<Exit, Failure> {
     if options.rehearse && common.format == Format::Json {
         return Err(Failure::refusal(
@@ -48,7 +49,7 @@ pub(super) fn check(registry: &Registry, options: &CheckOptions, common: &Common
     }
 }
 
-/// One line per good study, and one per study that this machine cannot check.
+/// Prints a line for each valid study, and one for each study that this machine cannot check.
 fn say_checked(session: &Session<'_>, check: Check) -> Result<Exit, Failure> {
     let Check {
         good,
@@ -91,7 +92,7 @@ fn say_checked(session: &Session<'_>, check: Check) -> Result<Exit, Failure> {
     })
 }
 
-/// That any difference decides some claims, for which the study names nothing that matters.
+/// A note on claims that any difference decides because the study states no difference that matters.
 fn any_difference(study: &Study) -> String {
     let lacks = |spec: &&ClaimSpec| {
         let is_direction = claim::parse(&spec.claim).is_ok_and(|claim| claim.relation.is_direction());
@@ -103,10 +104,10 @@ fn any_difference(study: &Study) -> String {
     }
 }
 
-/// Says of a study what this machine lacks, in one line.
+/// Prints what this machine lacks for a study, in one line.
 fn say_unchecked((path, problems): &Refused) {
     let lacking = problems.iter().filter(|it| it.severity == Severity::Unavailable);
-    // The first line says it; what Python said of it follows.
+    // The first line names the cause; messages of Python follow it.
     let lacking: BTreeSet<&str> = lacking.filter_map(|it| it.message.lines().next()).collect();
     let lacking = lacking.into_iter().collect::<Vec<_>>().join("; ");
     complain(&format!("{}: not checked: {lacking}", path.display()));
@@ -134,7 +135,7 @@ fn say_as_json(session: &Session<'_>, check: &Check) -> Exit {
     exit
 }
 
-/// Rehearses the programs of studies that hold; 100 where one of them does not come to its first measurement.
+/// Rehearses the programs of valid studies; exit code 100 if a program does not reach its first measurement.
 fn rehearse(session: &Session<'_>, options: &CheckOptions) -> Result<Exit, Failure> {
     let planned = session.load()?;
     options.consent.ask_for(session.programs_to_rehearse(&planned)?)?;

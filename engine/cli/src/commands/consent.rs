@@ -1,8 +1,8 @@
-//! Programs that are not ours start when the person agreed to it who runs them.
+//! External programs start only with the consent of the person who runs them.
 //!
-//! The author of a study names its programs. The consent of a person is kept by the project's folder and the words of
-//! the command, in a file of that person, outside of every project and store: neither can say it for them. So is
-//! the list of folders whose programs are trusted.
+//! The author of a study names its programs. Consent is stored by the project's folder and the words of the command, in
+//! a file of the person, outside of every project and store, so that neither a project nor a store can grant it. The
+//! list of folders with trusted programs is such a file too.
 
 use super::complain;
 use clap::Args;
@@ -36,20 +36,20 @@ struct OwnSettings {
 }
 
 impl Consent {
-    /// Asks for what would start and was not agreed to before.
+    /// Asks for consent to the programs that would start and have none yet.
     ///
     /// # Errors
-    /// Where the person does not agree, or cannot be asked.
+    /// Fails if the person does not agree, or cannot be asked.
     pub(super) fn ask(&self, session: &Session<'_>, planned: &[Planned]) -> Result<(), Failure> {
         self.ask_for(session.missing_programs(planned)?)
     }
 
-    /// As [`ask`](Self::ask), for commands that are started in the current folder.
+    /// Like [`ask`](Self::ask), for commands that are started in the current folder.
     pub(super) fn ask_for_commands(&self, commands: Vec<Vec<String>>) -> Result<(), Failure> {
         self.ask_for(of_commands(commands))
     }
 
-    /// As [`ask`](Self::ask), for programs that are known.
+    /// Like [`ask`](Self::ask), for a given set of programs.
     pub(super) fn ask_for(&self, wanted: BTreeSet<Program>) -> Result<(), Failure> {
         if wanted.is_empty() {
             return Ok(());
@@ -88,12 +88,12 @@ fn answers_yes(new: &[&Program]) -> Result<bool, Failure> {
         "these programs would be started, and you have not run them here before:\n{list}Start them? [y/N]"
     ));
     let mut line = String::new();
-    // No answer is none.
+    // A missing answer counts as a refusal.
     let _ = hear.lock().read_line(&mut line);
     Ok(matches!(line.trim(), "y" | "Y" | "yes"))
 }
 
-/// A folder of a person's own files: the one that the variable names, or one below the home.
+/// A folder for the person's own files: the one in the environment variable, or one below the home folder.
 #[expect(
     clippy::disallowed_methods,
     reason = "where a person's own files lie says nothing of a result"
@@ -110,7 +110,7 @@ fn agreements() -> Option<PathBuf> {
     own_folder("XDG_STATE_HOME", ".local/state").map(|folder| folder.join("programs.json"))
 }
 
-/// Earlier consent; a file that cannot be read says nothing.
+/// Earlier consent; empty if the file cannot be read.
 fn agreed() -> BTreeSet<Program> {
     let text = agreements().and_then(|path| fs::read(path).ok());
     text.and_then(|text| serde_json::from_slice(&text).ok())
@@ -122,7 +122,7 @@ fn keep(all: BTreeSet<Program>) -> Result<(), Failure> {
     let text = serde_json::to_vec_pretty(&all).map_err(Failure::refusal)?;
     let folder = path.parent().unwrap_or(&path);
     let kept = fs::create_dir_all(folder).map_err(Error::file("create", folder));
-    // Who cannot be remembered is asked again.
+    // Consent that cannot be stored is asked for again.
     let kept = kept.and_then(|()| write_durably(&path, &text));
     if let Err(error) = kept.and_then(|()| fs::make_private(&path).map_err(Error::file("write", &path))) {
         complain(&format!("warning: what you agreed to is not remembered: {error}"));
@@ -130,7 +130,7 @@ fn keep(all: BTreeSet<Program>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The folders that a person trusts, from that person's own settings.
+/// The folders that the person trusts, from the person's own settings.
 fn trusted() -> Result<Vec<PathBuf>, Failure> {
     let path = own_folder("XDG_CONFIG_HOME", ".config").map(|folder| folder.join("regimen.toml"));
     let Some((path, text)) = path.and_then(|path| Some((path.clone(), fs::read_to_string(&path).ok()?)))
@@ -156,7 +156,7 @@ fn trusted() -> Result<Vec<PathBuf>, Failure> {
         .collect()
 }
 
-/// A path in which `~` stands for the home of the person.
+/// A path with `~` replaced by the person's home folder.
 #[expect(
     clippy::disallowed_methods,
     reason = "where a person's files lie says nothing of a result"

@@ -9,7 +9,7 @@ use std::{
     sync::{Arc, OnceLock, atomic::AtomicBool},
 };
 
-/// Why something that was to be said was not, as on a full disk.
+/// The reason why a result could not be printed, as on a full disk.
 static UNSAID: OnceLock<String> = OnceLock::new();
 
 /// Prints a result.
@@ -17,7 +17,7 @@ pub(super) fn say(text: &str) {
     put(&plain_text::printable(text.trim_end_matches('\n')));
 }
 
-/// The same with verdicts in colour, on a terminal.
+/// The same with coloured verdicts on a terminal.
 pub(super) fn say_summary(text: &str) {
     let text = plain_text::printable(text.trim_end_matches('\n'));
     if colour_on(&std::io::stdout()) {
@@ -29,7 +29,7 @@ pub(super) fn say_summary(text: &str) {
 
 fn put(text: &str) {
     let written = writeln!(std::io::stdout(), "{text}");
-    // A reader that closed the pipe (`| head`) has what it wanted.
+    // A reader that closed the pipe (`| head`) needs no more output.
     if let Some(error) = written
         .err()
         .filter(|it| it.kind() != std::io::ErrorKind::BrokenPipe)
@@ -38,7 +38,7 @@ fn put(text: &str) {
     }
 }
 
-/// A command whose results nobody can read did not end well.
+/// Fails if the results of the command could not be printed.
 pub(super) fn if_said(exit: Exit) -> Result<Exit, Failure> {
     match UNSAID.get() {
         Some(problem) => Err(Failure {
@@ -51,12 +51,12 @@ pub(super) fn if_said(exit: Exit) -> Result<Exit, Failure> {
 
 /// Prints progress, a warning or an error.
 pub(super) fn complain(text: &str) {
-    // One write a message: programs that share a log do not mix their lines.
+    // One write for each message, so that programs that share a log do not mix their lines.
     let message = format!("{}\n", shown(text.trim_end_matches('\n')));
     let _ = std::io::stderr().write_all(message.as_bytes());
 }
 
-/// A message as a terminal gets it.
+/// A message as the terminal shows it.
 pub(super) fn shown(text: &str) -> String {
     let message = plain_text::message(text);
     if colour() {
@@ -80,7 +80,7 @@ fn colour_on(stream: &impl IsTerminal) -> bool {
     stream.is_terminal() && std::env::var_os("NO_COLOR").is_none()
 }
 
-/// Columns of the terminal, as the shell or the terminal tells; 100 elsewhere.
+/// Number of columns of the terminal, from the shell or the terminal; 100 elsewhere.
 #[expect(
     clippy::disallowed_methods,
     reason = "it says how wide the summary is, and reaches no result"
@@ -96,7 +96,7 @@ pub(super) fn terminal_width() -> usize {
     told.or_else(asked).filter(|width| *width >= 40).unwrap_or(100)
 }
 
-/// A person at a terminal, who hears of a session on standard error and stops it by signals.
+/// A person at a terminal, who reads messages on standard error and stops a session by signals.
 pub(super) struct Person;
 
 impl Observer for Person {
@@ -115,8 +115,8 @@ impl Observer for Person {
     }
 }
 
-/// The first Ctrl-C (or SIGTERM) stops the run in order, the second one at once. SIGUSR1, the early warning
-/// of a batch system, stops in order too.
+/// The first Ctrl-C (or SIGTERM) stops the run in order, the second one immediately. SIGUSR1, the early warning of a
+/// batch system, also stops it in order.
 pub(super) fn listen_for_signals(stop: &Arc<AtomicBool>) -> Result<(), Failure> {
     use signal_hook::{
         consts::{SIGINT, SIGTERM, SIGUSR1},

@@ -1,4 +1,4 @@
-//! `list`, `describe` and `schema`: what a study may name, for people, programs and editors.
+//! `list`, `describe` and `schema`: the names that a study may use, for people, programs and editors.
 
 use super::{Common, Format, say};
 use crate::describe::{self, FORMAT, FitOptions, Group, markdown, text};
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use session::{Exit, Failure};
 use std::path::{Path, PathBuf};
 
-/// Rows of a batch whose size is the protocol's, in a plan that is printed.
+/// Number of rows of a batch in a printed plan, if the protocol sets the batch size.
 const ROWS: usize = 256;
 
 /// Lists names with a line each.
@@ -45,22 +45,22 @@ pub(super) fn list(registry: &Registry, group: Option<Group>, common: &Common) -
 /// Options of `describe`.
 #[derive(Debug, Args)]
 pub(super) struct DescribeOptions {
-    /// An environment, agent, protocol, kind of table or figure, section of a study, sampler, relation,
-    /// aggregate, artifact or executor; what there is, where absent.
+    /// An environment, agent, protocol, kind of table or figure, section of a study, sampler, relation, aggregate,
+    /// artifact or executor; lists all of them where absent.
     name: Option<String>,
-    /// Say besides which agents or environments do not fit, and why.
+    /// Also list the agents or environments that do not fit, and the reasons.
     #[arg(long)]
     why: bool,
-    /// Print instead the operations of one update of the agent in this environment, with defaults of both: their
-    /// order, shapes, number and memory traffic.
+    /// Print the operations of one update of the agent in this environment instead, with defaults of both: their order,
+    /// shapes, number and memory traffic.
     #[arg(long, value_name = "ENVIRONMENT", requires = "name", conflicts_with = "why")]
     plan: Option<String>,
-    /// Write the reference into a folder instead: a Markdown page for each group of names.
+    /// Write the reference into a folder instead: one Markdown page for each group of names.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["name", "why"])]
     pages: Option<PathBuf>,
 }
 
-/// Describes what has a name, prints a plan, or writes the reference.
+/// Describes a name, prints a plan, or writes the reference.
 pub(super) fn answer(
     registry: &Registry,
     options: &DescribeOptions,
@@ -79,7 +79,7 @@ pub(super) fn answer(
     }
 }
 
-/// Describes what has a name; without one, says what can be described.
+/// Describes a name; without one, lists the names that can be described.
 fn describe(registry: &Registry, name: Option<&str>, why: bool, common: &Common) -> Result<Exit, Failure> {
     let Some(name) = name else {
         say(&match common.format {

@@ -1,4 +1,5 @@
-//! `export`: a study's numbers in a folder, in a form that other programs read, or the policy or episodes of one trial.
+//! `export`: writes a study's numbers into a folder in a form for other programs, or the policy or episodes of one
+//! trial.
 
 use super::{Common, Studies, say};
 use clap::Args;
@@ -12,52 +13,52 @@ use session::{
 };
 use std::path::{Path, PathBuf};
 
-/// Options that say what of a study is taken away; one trial has none of them.
+/// Options that select parts of a study; they do not apply to one trial.
 const OF_A_STUDY: [&str; 7] = ["specs", "profile", "sets", "seeds", "only", "form", "license"];
 
-/// The numbers that are taken away, where to, and how.
+/// The numbers to export, their form and their destination.
 #[derive(Debug, Clone, Args)]
 #[command(mut_arg("specs", |specs| specs.required(false).required_unless_present_any(["onnx", "minari"])))]
 pub(super) struct ExportOptions {
     #[command(flatten)]
     studies: Studies,
-    /// Folder to write; it must not hold anything yet.
+    /// Folder to write; it must be empty or not exist yet.
     #[arg(long, short = 'o', value_name = "FOLDER")]
     to: PathBuf,
     /// Form to write.
     #[arg(long = "as", value_enum, value_name = "FORM", required_unless_present_any = ["onnx", "minari"])]
     form: Option<ExportFormat>,
-    /// In place of a study, the policy of one trial of the store, by the first digits of its id: `policy.onnx`, or
-    /// `<seat>.onnx` for every seat that has its own.
+    /// Instead of a study, export the policy of one trial of the store, by the first digits of its id: `policy.onnx`,
+    /// or `<seat>.onnx` for every seat that has its own.
     #[arg(long, value_name = "TRIAL", conflicts_with_all = OF_A_STUDY, conflicts_with = "minari")]
     onnx: Option<String>,
-    /// In place of a study, the episodes of one trial of the store as a Minari dataset: what it gathered, or what its
-    /// policy plays (`--episodes`).
+    /// Instead of a study, export the episodes of one trial of the store as a Minari dataset: those that it gathered,
+    /// or those that its policy plays (`--episodes`).
     #[arg(long, value_name = "TRIAL", conflicts_with_all = OF_A_STUDY)]
     minari: Option<String>,
     #[command(flatten)]
     play: Play,
-    /// Licence of the results, which a crate must name: an id of SPDX such as CC-BY-4.0, or an address.
+    /// Licence of the results, required for a crate: an SPDX id such as CC-BY-4.0, or an address.
     #[arg(long, value_name = "LICENCE", required_if_eq("form", "ro-crate"))]
     license: Option<String>,
 }
 
-/// The episodes that are played where nothing was gathered.
+/// The episodes to play if nothing was gathered.
 #[derive(Debug, Clone, Args)]
 pub(super) struct Play {
-    /// With `--minari`, of a trial that gathered no dataset: how many episodes its policy plays.
+    /// With `--minari` and a trial that gathered no dataset: number of episodes that its policy plays.
     #[arg(long, value_name = "N", requires = "minari", value_parser = clap::value_parser!(u64).range(1..))]
     episodes: Option<u64>,
-    /// With `--episodes`: seed of the first one, which counts up; 0 where absent.
+    /// With `--episodes`: seed of the first episode, which counts up; 0 where absent.
     #[arg(long, value_name = "N", requires = "episodes")]
     seed: Option<u64>,
-    /// With `--minari`: the folder below which Minari looks for datasets, each at the place that is its id
-    /// (`NAMESPACE/NAME-vN`); where it is not known, the last two names of the folder that is written are the id.
+    /// With `--minari`: the folder below which Minari looks for datasets; the path below it is the id
+    /// (`NAMESPACE/NAME-vN`). Where absent, the last two names of the path of the written folder are the id.
     #[arg(long, env = "MINARI_DATASETS_PATH", value_name = "FOLDER")]
     minari_root: Option<PathBuf>,
 }
 
-/// A study: 106 where trials are missing, 100 where some failed: what is there is written all the same.
+/// Exit code 106 if trials of a study are missing, 100 if some failed; the existing ones are written in either case.
 pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Common) -> Result<Exit, Failure> {
     match (&options.onnx, &options.minari, options.form) {
         (Some(trial), ..) => {

@@ -1,4 +1,4 @@
-//! `fsck`: checks every file of a store, and sets aside what is wrong.
+//! `fsck`: checks every file of a store, and sets damaged files aside.
 
 use super::{Common, Format, say};
 use contract::Registry;
@@ -10,7 +10,7 @@ use execution::{
 use session::{Exit, Failure, Settings};
 use std::{collections::BTreeSet, path::PathBuf};
 
-/// 106 where a trial has to run again, or a record of verdicts that were seen is lost, otherwise 0.
+/// Exit code 106 if a trial has to run again or a record of verdicts is lost, otherwise 0.
 pub(super) fn fsck(
     registry: &Registry,
     folder: Option<PathBuf>,

@@ -1,4 +1,4 @@
-//! `import`: looks into files of other programs and writes the entry that a study names them with.
+//! `import`: reads files of other programs and prints the entry for a study.
 
 use super::{Common, Format, complain, say};
 use clap::Args;
@@ -16,32 +16,32 @@ pub(super) struct ImportOptions {
     /// Tables as CSV, JSON, JSON lines or Parquet, and event files of TensorBoard, each also packed by gzip.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Study that shall name them; the entry names files as seen from its folder.
+    /// Study that will contain the entry; the entry names files relative to its folder.
     #[arg(long, value_name = "SPEC")]
     study: PathBuf,
-    /// Name of the entry, by which tables and claims speak of the runs.
+    /// Name of the entry, which tables and claims use for the runs.
     #[arg(long, value_name = "NAME", value_parser = entry_name)]
     name: String,
-    /// Metric of the study and the column or tag that holds it, as in `return=charts/episodic_return`; a pattern
-    /// with `*`, or one metric several times, takes several columns as runs.
+    /// Metric of the study and the column or tag that holds it, as in `return=charts/episodic_return`; a pattern with
+    /// `*`, or a repeated metric, takes several columns as runs.
     #[arg(long = "metric", value_name = "METRIC=COLUMN", value_parser = pair)]
     metrics: Vec<(String, String)>,
-    /// Environment of the study that the runs are of.
+    /// Environment of the study to which the runs belong.
     #[arg(long, value_name = "NAME")]
     environment: Option<String>,
     /// Column with the step.
     #[arg(long, value_name = "COLUMN", default_value = "step")]
     step: String,
-    /// Column whose running sum is the step, as `l` of a Monitor of Stable-Baselines3.
+    /// Column whose running sum is the step, such as `l` in logs of the Monitor of Stable-Baselines3.
     #[arg(long, value_name = "COLUMN", conflicts_with = "step")]
     step_sum: Option<String>,
-    /// Column with the seed; without it runs are numbered.
+    /// Column with the seed; without it, runs are numbered.
     #[arg(long, value_name = "COLUMN")]
     seed: Option<String>,
-    /// Column that tells the runs of one file apart, where that is not the seed.
+    /// Column that distinguishes the runs of one file, if it is not the seed.
     #[arg(long, value_name = "COLUMN")]
     run: Option<String>,
-    /// Files that make a run, where no column tells runs apart: each a table of its own, all event files of a folder.
+    /// Files that form a run, if no column distinguishes runs: each table, or all event files of a folder.
     #[arg(long)]
     run_per: Option<RunPer>,
     /// Meaning of steps that go back.
@@ -50,22 +50,22 @@ pub(super) struct ImportOptions {
     /// Meaning of several values of a run at one step.
     #[arg(long)]
     same_step: Option<SameStep>,
-    /// Runs without a value, or values that are not finite, are left out.
+    /// Leave out runs without a value, or values that are not finite.
     #[arg(long)]
     leave_out: Vec<LeftOut>,
-    /// Meaning of files with the same content, which otherwise count once.
+    /// Meaning of files with the same content; where absent, they count once.
     #[arg(long)]
     copies: Option<Copies>,
     /// Only lines with this value in this column.
     #[arg(long, value_name = "COLUMN=VALUE", value_parser = pair)]
     only: Vec<(String, String)>,
-    /// How many of a run's last values are averaged to its final one.
+    /// Number of a run's last values that are averaged to its final value.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     last: u64,
-    /// Whose runs they are, with version and address.
+    /// Origin of the runs, with version and address.
     #[arg(long, value_name = "TEXT", default_value = "")]
     about: String,
-    /// Copy the files to `imported/NAME` beside the study, with a manifest of where they came from.
+    /// Copy the files to `imported/NAME` beside the study, with a manifest of their origins.
     #[arg(long)]
     copy: bool,
 }
@@ -91,7 +91,7 @@ fn entry_name(text: &str) -> Result<String, String> {
     }
 }
 
-/// 2 where the files are not as the options say; it prints the entry.
+/// Prints the entry; exit code 2 if the files do not match the options.
 pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<Exit, Failure> {
     let import = Import {
         study: &options.study,
@@ -115,7 +115,7 @@ pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<Exit, F
     Ok(Exit::Ok)
 }
 
-/// A failure that names keys of an entry, with the options that they are on the command line.
+/// Adds the options of the command line to a failure that names keys of an entry.
 fn with_options(mut failure: Failure) -> Failure {
     let keys = ["restart: ", "same_step: ", "run_per: ", "leave_out: "];
     if keys.iter().any(|key| failure.text.contains(&format!("`{key}"))) {
@@ -126,7 +126,7 @@ fn with_options(mut failure: Failure) -> Failure {
     failure
 }
 
-/// Asks which column is which metric, with an example that can be written.
+/// Asks for the columns of metrics, with an example option.
 fn question(columns: &Columns) -> String {
     let (names, example) = columns.for_a_question();
     let column = example.unwrap_or("COLUMN");

@@ -1,4 +1,4 @@
-//! `merge`: the trials of several stores in one.
+//! `merge`: merges the trials of several stores into one.
 
 use super::{Common, Format, Person, say};
 use clap::Args;
@@ -9,21 +9,21 @@ use serde_json::json;
 use session::{Exit, Failure, MergedStore, Settings, exit_of_merge};
 use std::path::PathBuf;
 
-/// The stores that are taken, and the destination.
+/// The source stores and the destination.
 #[derive(Debug, Clone, Args)]
 pub(super) struct MergeOptions {
-    /// Stores to take from; nothing in them is changed.
+    /// Stores to take from; they are not changed.
     #[arg(required = true, value_name = "STORE")]
     sources: Vec<PathBuf>,
-    /// Store to take into; it is made where it does not exist.
+    /// Store to take into; it is created if it does not exist.
     #[arg(long, value_name = "STORE")]
     into: PathBuf,
-    /// Say what would happen, and write nothing.
+    /// Show what would happen, and write nothing.
     #[arg(long, short = 'n')]
     dry_run: bool,
 }
 
-/// Takes the stores, says what happened to trials that were not simply taken, and how many there are of each fate.
+/// Merges the stores, and prints the trials that were not simply copied and the number of trials of each outcome.
 pub(super) fn merge(registry: &Registry, options: &MergeOptions, common: &Common) -> Result<Exit, Failure> {
     let settings = Settings::read(registry, &common.machine())?;
     let MergeOptions {
@@ -43,7 +43,7 @@ pub(super) fn merge(registry: &Registry, options: &MergeOptions, common: &Common
     Ok(exit_of_merge(&stores))
 }
 
-/// A line about a trial that was not simply taken.
+/// A line about a trial that was not simply copied.
 fn line(merged: &Merged) -> Option<String> {
     let (word, text) = match &merged.fate {
         Fate::Taken | Fate::Same | Fate::Unfinished => return None,
@@ -104,7 +104,7 @@ fn faults(findings: &[Finding]) -> String {
     words.collect::<Vec<_>>().join("; ")
 }
 
-/// Numbers of trials by their fates.
+/// Number of trials of each outcome.
 fn counts(store: &MergedStore) -> [(&'static str, usize); 7] {
     let number = |is: &dyn Fn(&Fate) -> bool| store.trials.iter().filter(|merged| is(&merged.fate)).count();
     [

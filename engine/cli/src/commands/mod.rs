@@ -1,4 +1,4 @@
-//! The command line: what can be said, and which function answers.
+//! The command line: commands, and the functions that carry them out.
 
 mod against;
 mod arguments;
@@ -62,12 +62,12 @@ const EXIT_CODES: &str = "Exit codes: 0 ok, 2 bad usage or spec, 3 a study canno
 
 #[derive(Debug, Subcommand)]
 enum Verb {
-    /// Check studies; nothing runs. A study whose environment this machine cannot make is named, and no error; 3 where
-    /// nothing else is wrong.
+    /// Check studies; nothing runs. A study whose environment this machine cannot make is reported but is no error;
+    /// exit code 3 if nothing else is wrong.
     Check(check::CheckOptions),
-    /// Say which trials a study has, which are done and what the rest will cost; nothing runs.
+    /// Show the trials of a study, which of them are done, and the estimated cost of the rest; nothing runs.
     Plan(Studies),
-    /// Run what is missing, then write tables, figures and the report.
+    /// Run missing trials, then write tables, figures and the report.
     Run {
         #[command(flatten)]
         studies: Studies,
@@ -78,84 +78,84 @@ enum Verb {
         #[command(flatten)]
         summaries: summaries::Summaries,
     },
-    /// Show end states, and what is missing or failed.
+    /// Show end states, and missing and failed trials.
     Status {
         #[command(flatten)]
         studies: Studies,
         #[command(flatten)]
         summaries: summaries::Summaries,
     },
-    /// Show running trials, learning curves as they come, end states and the time left, in the terminal (q leaves), as
-    /// a page that renews itself, or once as text; nothing in the store is changed.
+    /// Show running trials, learning curves so far, end states and the time left: in the terminal (q leaves), as a page
+    /// that renews itself, or once as text; nothing in the store is changed.
     Watch(watch::WatchOptions),
-    /// Write tables, figures and the report again from the store, or with `--recorded` from what an earlier
-    /// report left; nothing is trained.
+    /// Write tables, figures and the report again from the store, or with `--recorded` from the files of an earlier
+    /// report; nothing is trained.
     Report {
         #[command(flatten)]
         studies: Studies,
         #[command(flatten)]
         report: ReportArgs,
-        /// Read the record in each folder of results in the place of a store: trials as they were, judged by the
-        /// studies as they are now. Figures of single steps and drawings stay as they are.
+        /// Read the record in each folder of results instead of a store: trials as they were, judged by the current
+        /// studies. Figures of single steps and drawings stay as they are.
         #[arg(long)]
         recorded: bool,
         #[command(flatten)]
         against: against::Against,
     },
-    /// Print the answers of all studies by family; or what is open.
+    /// Print the answers of all studies by family, or the open verdicts.
     Overview(overview::OverviewOptions),
     /// Run missing trials from the store until none is left, without a report.
     Worker(WorkerArgs),
-    /// Check every file of a store and set aside what is wrong; what it held runs again.
+    /// Check every file of a store and set damaged files aside; their trials run again.
     Fsck {
         /// Folder of the store.
         #[arg(value_name = "STORE")]
         folder: Option<PathBuf>,
-        /// Say what is wrong, and move nothing.
+        /// Show what is wrong, and move nothing.
         #[arg(long, short = 'n')]
         dry_run: bool,
     },
     /// Put short trials of a store into one file, so that it has few files; every command reads them there.
     Pack(pack::PackOptions),
-    /// Take the trials of other stores into one: what is new is taken, what is the same stays, and what differs is
+    /// Copy the trials of other stores into one: new trials are copied, equal trials stay, and different trials are
     /// reported (101) and left.
     Merge(merge::MergeOptions),
-    /// Folded into `report`.
+    /// Replaced by `report --against`.
     #[command(hide = true)]
     Compare {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         rest: Vec<std::ffi::OsString>,
     },
     /// Write a study's numbers into a folder: tidy tables with every config key as a column, event files of
-    /// TensorBoard, or a research object crate with the study, its report, metrics and who computed them. Or take away
-    /// the policy of one stored trial as ONNX files, or its episodes as a Minari dataset.
+    /// TensorBoard, or a research object crate with the study, its report, metrics and the builds that computed them.
+    /// Or export the policy of one stored trial as ONNX files, or its episodes as a Minari dataset.
     Export(export::ExportOptions),
-    /// Look into CSV and TensorBoard files of other programs and print the entry under which a study shows their runs
-    /// beside its own, marked as imported.
+    /// Read CSV and TensorBoard files of other programs and print the entry with which a study shows their runs beside
+    /// its own, marked as imported.
     Import(import::ImportOptions),
-    /// Compute stored trials again, beside the store, and compare digests of metrics and artifacts; 101 where they
-    /// differ, 106 where one could not be compared. It works in the system's temporary folder.
+    /// Compute stored trials again, beside the store, and compare digests of metrics and artifacts; exit code 101 if
+    /// they differ, 106 if one could not be compared. It works in the system's temporary folder.
     Verify(verify::VerifyArgs),
-    /// Hand what is missing to a cluster and leave, or write what would be handed over.
+    /// Submit missing trials to a cluster and return, or write the script or manifest.
     Submit {
         #[command(flatten)]
         studies: Studies,
         #[command(flatten)]
         options: submit::SubmitOptions,
     },
-    /// Cancel what was submitted for these studies and has not ended.
+    /// Cancel submissions for these studies that have not ended.
     Cancel(Studies),
     /// Print the study with every default written out.
     Resolve(Studies),
-    /// Drive one environment with given actions, an agent or a stored policy and write what happens.
+    /// Run one environment with given actions, an agent or a stored policy and write its steps.
     Rollout(rollout::RolloutOptions),
-    /// List what is registered.
+    /// List the registered names.
     List {
         /// Group of names; all where absent.
         #[arg(value_enum)]
         group: Option<crate::describe::Group>,
     },
-    /// Say what something is that a study may name: its keys with defaults, units and sources, and an example.
+    /// Describe a name that a study may use: its keys with defaults, units and sources, and an example.
     Describe(describe::DescribeOptions),
     /// Write a first study with comments, to be changed.
     New(new::NewOptions),
@@ -167,20 +167,20 @@ enum Verb {
         #[arg(value_enum)]
         shell: clap_complete::Shell,
     },
-    /// Print the manual page, to be read by `man -l`.
+    /// Print the manual page, for `man -l`.
     Man,
     /// Serve trials of another machine on standard input; started by `run --executor ssh`.
     #[command(hide = true)]
     Relay {
-        /// The store of this machine in which they lie until they have arrived there.
+        /// The store of this machine that holds the trials until they have arrived there.
         folder: PathBuf,
-        /// When leases of silent programs count as dead.
+        /// Time after which leases of silent programs count as dead.
         #[arg(long, value_name = "SECONDS")]
         lease_expiry_s: f64,
     },
 }
 
-/// Reads the command line and does what it says.
+/// Reads the command line and carries it out.
 #[must_use]
 pub fn main(registry: impl Fn() -> Registry) -> ExitCode {
     if let Some(served) = session::serve_if_asked(&registry) {
@@ -195,7 +195,7 @@ pub fn main(registry: impl Fn() -> Registry) -> ExitCode {
     answered.map_or_else(|failure| failed(&failure), |exit| ExitCode::from(exit.code()))
 }
 
-/// Says why a command was not carried out.
+/// Prints why a command was not carried out.
 fn failed(failure: &Failure) -> ExitCode {
     complain(&failure.text);
     ExitCode::from(failure.exit.code())

@@ -26,20 +26,20 @@ pub(super) struct NewOptions {
     /// Name of the study; `NAME.yaml` is written into this folder.
     #[arg(value_name = "NAME")]
     name: String,
-    /// Environment; one that suits a first look where absent.
+    /// Environment; where absent, one that suits a first study.
     #[arg(long, short = 'e', value_name = "ENVIRONMENT")]
     environment: Option<String>,
-    /// Agent that learns; one that fits the environment where absent.
+    /// Agent that learns; where absent, one that fits the environment.
     #[arg(long, short = 'a', value_name = "AGENT")]
     agent: Option<String>,
-    /// A program of your own by its command, as "python train.py --seed 1", which runs once for some seconds; or the
-    /// YAML file of a sweep of W&B or a multirun of Hydra.
+    /// Your own program by its command, as in "python train.py --seed 1", which runs once for some seconds; or the YAML
+    /// file of a W&B sweep or a Hydra multirun.
     #[arg(long, value_name = "COMMAND|FILE", conflicts_with_all = ["environment", "agent"])]
     from: Option<String>,
-    /// File or pattern of the program's own files, besides those that it imports and names.
+    /// File or pattern of the program's own files, in addition to those that it imports and names.
     #[arg(long, value_name = "FILE", requires = "from")]
     source: Vec<String>,
-    /// How long the program runs at most.
+    /// Longest time that the program runs.
     #[arg(long, value_name = "SECONDS", requires = "from", default_value_t = 20)]
     #[arg(value_parser = clap::value_parser!(u64).range(1..=3600))]
     seconds: u64,
@@ -47,7 +47,7 @@ pub(super) struct NewOptions {
     consent: Consent,
 }
 
-/// Writes the study; a file that is there stays as it is.
+/// Writes the study; an existing file stays unchanged.
 pub(super) fn new(registry: &Registry, options: &NewOptions) -> Result<Exit, Failure> {
     let (environment, agent) = (options.environment.as_deref(), options.agent.as_deref());
     let name = options.name.strip_suffix(".yaml").unwrap_or(&options.name);
@@ -80,7 +80,7 @@ fn exists(path: &Path) -> Failure {
     ))
 }
 
-/// The study of a program, which runs once for it.
+/// The study of a program, drafted from its command or from the file of a sweep.
 fn drafted(registry: &Registry, name: &str, from: &str, options: &NewOptions) -> Result<String, Failure> {
     if mismatch(SLUG, name).is_some() {
         let error = first_study::FirstStudyError::Name { name: name.into() };
@@ -107,7 +107,7 @@ fn drafted(registry: &Registry, name: &str, from: &str, options: &NewOptions) ->
     Ok(text)
 }
 
-/// Refuses a text that does not pass `check`, whole or tried out.
+/// Refuses a text that does not pass `check`, with or without the profile for trying it out.
 fn passes(registry: &Registry, name: &str, text: &str) -> Result<(), Failure> {
     for profile in [None, Some("smoke".to_owned())] {
         let options = Options {

@@ -1,4 +1,4 @@
-//! `pack`: short trials of a store in one file.
+//! `pack`: packs short trials of a store into one file.
 
 use super::{Common, Format, say};
 use clap::Args;
@@ -8,19 +8,19 @@ use execution::store::{self, Leases, Packing, Store};
 use session::{Exit, Failure, Settings};
 use std::{path::PathBuf, time::Duration};
 
-/// Which store, and how careful.
+/// The store to pack, and the time that packed trials keep their folders.
 #[derive(Debug, Clone, Args)]
 pub(super) struct PackOptions {
     /// Folder of the store.
     #[arg(value_name = "STORE")]
     folder: Option<PathBuf>,
-    /// How long packed trials keep their folders: other machines that share the store may see its old names for so
-    /// long.
+    /// Time that packed trials keep their folders, because other machines that share the store may see its old names
+    /// for that long.
     #[arg(long, value_name = "SECONDS", default_value_t = 60)]
     settle_s: u32,
 }
 
-/// Always 0: what cannot be packed stays as it is.
+/// The exit code is always 0: trials that cannot be packed stay unchanged.
 pub(super) fn pack(registry: &Registry, options: &PackOptions, common: &Common) -> Result<Exit, Failure> {
     let settings = Settings::read(registry, &common.machine())?;
     let root = options.folder.clone().unwrap_or(settings.store);

@@ -1,4 +1,4 @@
-//! `plan`, `status`: what is known of studies without running anything.
+//! `plan`, `status`: facts about studies, without running anything.
 
 use super::{
     Common, Format, Studies, cells,
@@ -13,7 +13,7 @@ use contract::{
 use session::{Exit, Failure, Planned, Session, StudyState, exit_of, exit_of_searches, failed_in_words};
 use std::sync::Arc;
 
-/// `plan`: trials by cell, what is done, why the rest is not, and what it will cost.
+/// `plan`: trials by cell, their ends, the reasons why others are missing, and the cost of these.
 pub(super) fn plan(registry: &Registry, studies: &Studies, common: &Common) -> Result<Exit, Failure> {
     let session = studies.open(registry, common)?;
     let planned = session.load_with_looks()?;
@@ -28,7 +28,7 @@ pub(super) fn plan(registry: &Registry, studies: &Studies, common: &Common) -> R
     Ok(Exit::Ok)
 }
 
-/// `status`: end states by cell, reasons of failures; 106 where trials are missing, 100 where some failed.
+/// `status`: end states by cell and reasons of failures. Exit code 106 if trials are missing, 100 if some failed.
 pub(super) fn status(registry: &Registry, studies: &Studies, common: &Common) -> Result<Exit, Failure> {
     let session = studies.open(registry, common)?;
     let mut exit = Exit::Ok;
@@ -53,7 +53,7 @@ pub(super) fn status(registry: &Registry, studies: &Studies, common: &Common) ->
     Ok(exit)
 }
 
-/// Says why missing trials wait, and which command runs failed ones again.
+/// Prints why missing trials wait, and the command that runs failed ones again.
 fn say_open(session: &Session<'_>, one: &Planned, state: &StudyState) {
     let lines = state.waiting.lines();
     if !lines.is_empty() {

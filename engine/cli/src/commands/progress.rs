@@ -1,7 +1,7 @@
-//! Shows what happens: bars on a terminal, plain lines elsewhere.
+//! Shows progress: bars on a terminal, plain lines elsewhere.
 //!
-//! Bars take the terminal's width: titles are cut where it is narrow. No time is estimated before anything was
-//! done, and what a resumed trial did before does not count into its rate.
+//! Bars have the width of the terminal; titles are cut if it is narrow. No time is estimated before the first step is
+//! done, and steps before a resumption do not count into the rate of a trial.
 
 use super::console::{complain, shown};
 use contract::trial_end::{EndState, TrialEnd};
@@ -17,13 +17,13 @@ use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressState, Progre
 use session::Follower;
 use std::{collections::BTreeSet, fmt::Write, io::IsTerminal, time::Duration};
 
-/// The run as it was shown so far.
+/// The progress of the run that was shown so far.
 pub(super) struct ProgressDisplay<'a> {
     tasks: &'a [Task<'a>],
     done: usize,
-    /// Trials that other programs have, each said once.
+    /// Trials that other programs run; each is reported once.
     held: BTreeSet<usize>,
-    /// Messages on sources that lack, each once though several trials take from them.
+    /// Messages about missing sources; each is printed once even if several trials take from the source.
     lacking: BTreeSet<String>,
     bars: Option<Bars>,
     stopping: bool,
@@ -33,12 +33,12 @@ struct Bars {
     all: MultiProgress,
     study: ProgressBar,
     slots: Vec<ProgressBar>,
-    /// Slots whose trial has not said yet from which step it goes on.
+    /// Slots whose trial has not reported its first step yet.
     fresh: BTreeSet<usize>,
 }
 
 impl<'a> ProgressDisplay<'a> {
-    /// Starts showing the run of `tasks` on `workers` slots.
+    /// Begins to show the run of `tasks` on `workers` slots.
     pub(super) fn new(tasks: &'a [Task<'a>], workers: usize) -> Self {
         let bars = std::io::stderr()
             .is_terminal()
@@ -83,7 +83,7 @@ impl<'a> ProgressDisplay<'a> {
         }
     }
 
-    /// A slot has left its trial with a checkpoint, because everything is to stop.
+    /// A slot has left its trial with a checkpoint, because the run is stopping.
     fn stopped(&mut self, slot: usize) {
         if !std::mem::replace(&mut self.stopping, true) {
             self.print("stopping: running trials save a checkpoint; a second Ctrl-C ends at once");
@@ -223,7 +223,7 @@ impl Follower for ProgressDisplay<'_> {
 
 impl Drop for ProgressDisplay<'_> {
     fn drop(&mut self) {
-        // Nothing of the bars stays on the screen; what was done is one line.
+        // The bars leave the screen; one line remains.
         if let Some(bars) = &self.bars {
             bars.slots.iter().for_each(ProgressBar::finish_and_clear);
             bars.study.finish_and_clear();
@@ -267,7 +267,7 @@ fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template)
         .expect("a valid template")
         .with_key("rate", |state: &ProgressState, out: &mut dyn Write| {
-            // A terminal that takes no text shows none.
+            // A terminal that accepts no text shows none.
             let _ = out.write_str(&rate(state.per_sec()));
         })
         .with_key("left", |state: &ProgressState, out: &mut dyn Write| {
@@ -276,7 +276,7 @@ fn style(template: &str) -> ProgressStyle {
         .progress_chars("━╸─")
 }
 
-/// Steps per second with three digits; empty before anything is known.
+/// Steps per second with three digits; empty before a rate is known.
 fn rate(per_second: f64) -> String {
     if !per_second.is_finite() || per_second <= 0.0 {
         return String::new();
@@ -289,7 +289,7 @@ fn rate(per_second: f64) -> String {
     format!(", {per_second:.decimals$}/s")
 }
 
-/// The time that is left; empty where nothing can be said.
+/// The remaining time; empty if it cannot be estimated.
 fn left(estimate: Duration) -> String {
     match estimate.as_secs() {
         0 => String::new(),

@@ -1,4 +1,4 @@
-//! `report`: tables, figures and the page, from the store or from what an earlier report left.
+//! `report`: tables, figures and the page, from the store or from the files of an earlier report.
 
 use super::{
     Common, Format, ReportArgs, Studies,
@@ -9,7 +9,7 @@ use report::{Contents, Counts};
 use serde_json::{Value, json};
 use session::{Exit, Failure, Planned, Report, Reported, Session, by_study};
 
-/// From the store.
+/// Writes reports from the store.
 pub(super) fn report(
     registry: &Registry,
     studies: &Studies,
@@ -23,7 +23,7 @@ pub(super) fn report(
     write_all(&session, &planned, reporting, common)
 }
 
-/// Writes the report of every study, and the page over several; says what came of each as soon as it is written.
+/// Writes the report of every study and the page over several; prints the outcome of each as soon as it is written.
 pub(super) fn write_all(
     session: &Session<'_>,
     planned: &[Planned],
@@ -54,7 +54,7 @@ pub(super) fn recorded(
     Ok(exit)
 }
 
-/// Says what came of a report.
+/// Prints the outcome of a report.
 fn say_reported(reported: &Reported, reporting: &ReportArgs, common: &Common) {
     match reported {
         Reported::Written(report) => say_report(report, reporting, common),

@@ -1,4 +1,4 @@
-//! `regimen rollout`: one environment, given actions, an agent or a stored trial, one CSV file.
+//! `regimen rollout`: runs one environment with given actions, an agent or a stored trial, and writes one CSV file.
 
 use super::{Common, complain};
 use clap::Args;
@@ -9,7 +9,7 @@ use session::{
 };
 use std::path::PathBuf;
 
-/// Which environment, which actions, which file.
+/// The environment, the source of the actions, and the file to write.
 #[derive(Debug, Clone, Args)]
 pub(super) struct RolloutOptions {
     /// Name of the environment; that of the trial with `--trial`.
@@ -26,37 +26,37 @@ pub(super) struct RolloutOptions {
         conflicts_with_all = ["agent", "policy", "trial"]
     )]
     actions: Option<PathBuf>,
-    /// Name of an agent that decides, with its default config or that of `--agent-config`. One that learns
-    /// needs `--policy`.
+    /// Name of the agent that acts, with its default config or that of `--agent-config`. One that learns needs
+    /// `--policy`.
     #[arg(long, value_name = "NAME", conflicts_with = "trial")]
     agent: Option<String>,
     /// YAML file with the agent's config.
     #[arg(long, value_name = "FILE.yaml", requires = "agent")]
     agent_config: Option<PathBuf>,
-    /// Folder with an exported policy. Beside the `trial.json` of the trial that left it, agent and config
-    /// are known.
+    /// Folder with an exported policy. Beside the `trial.json` of the trial that left it, agent and config are taken
+    /// from there.
     #[arg(long, value_name = "FOLDER", conflicts_with = "trial")]
     policy: Option<PathBuf>,
-    /// A trial of the store, by the first digits of its id: its environment, its agent, its policy, in an
-    /// episode of its final measurement (`--episode`) or a new one (`--seed`).
+    /// A trial of the store, by the first digits of its id: its environment, agent and policy, in an episode of its
+    /// final measurement (`--episode`) or a new one (`--seed`).
     #[arg(long, value_name = "ID")]
     trial: Option<String>,
-    /// Which episode of the trial's final measurement; 0 where absent.
+    /// Number of the episode in the trial's final measurement; 0 where absent.
     #[arg(long, value_name = "N", requires = "trial", conflicts_with = "seed")]
     episode: Option<u64>,
-    /// Seed of the environment's and the agent's random numbers; 0 where absent. With `--trial`: a new
-    /// episode, not a measured one.
+    /// Seed of the random numbers of environment and agent; 0 where absent. With `--trial`: a new episode, not a
+    /// measured one.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// The most decisions that an agent makes.
+    /// Maximum number of decisions of an agent.
     #[arg(long, default_value_t = 100_000)]
     decisions: u64,
-    /// Where to write.
+    /// File to write.
     #[arg(long, value_name = "FILE.csv")]
     out: PathBuf,
 }
 
-/// Rolls out and says how many decisions were made.
+/// Plays the episode and prints the number of decisions.
 pub(super) fn rollout(
     registry: &Registry,
     options: &RolloutOptions,

@@ -1,4 +1,4 @@
-//! `run`, `worker`: what is missing is computed, then what is there is shown.
+//! `run`, `worker`: compute missing trials; `run` then shows the results.
 
 use super::{Common, ReportArgs, RunArgs, Studies, WorkerArgs, plan, report, submitted};
 use contract::Registry;

@@ -1,5 +1,5 @@
-//! The lines of `status` on missing trials: those that are being computed now, with their process and how far their
-//! log is; those that go on from a checkpoint; those that are tried again, with how they ended before.
+//! The lines of `status` about missing trials: running ones with their process and the step of their log, those that
+//! resume from a checkpoint, and those that are tried again with their earlier ends.
 
 use contract::{
     trial::Trial,
@@ -8,12 +8,12 @@ use contract::{
 use execution::store::{Owner, Store, metric_log};
 use std::sync::Arc;
 
-/// Lines about running or begun trials, at most this many.
+/// Maximum number of lines about running or begun trials.
 const MOST_LINES: usize = 20;
 
 /// One line per trial that runs or has a checkpoint; empty where there is none.
 pub(super) fn begun(store: &Store, trials: &[Arc<Trial>], ends: &[Option<TrialEnd>]) -> String {
-    // Without a living process no trial runs.
+    // Without a live process no trial runs.
     let may_run = !store.owners().is_empty();
     let missing = trials
         .iter()
@@ -52,7 +52,7 @@ fn running_on(owner: &Owner) -> String {
     format!("process {} on {}{job}", owner.pid, owner.host)
 }
 
-/// One line per missing trial that ended badly before; empty where there is none.
+/// One line for each missing trial with an earlier failure; empty if there is none.
 pub(super) fn tried_again(store: &Store, trials: &[Arc<Trial>], ends: &[Option<TrialEnd>]) -> String {
     let missing = trials.iter().zip(ends).filter(|(_, end)| end.is_none());
     let earlier = missing.filter_map(|(trial, _)| Some((trial, store.earlier(&trial.id)?)));
@@ -67,7 +67,7 @@ pub(super) fn tried_again(store: &Store, trials: &[Arc<Trial>], ends: &[Option<T
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// The step of the last row that has reached a running trial's log.
+/// The step of the last row in a running trial's log.
 fn logged(store: &Store, id: &str) -> Option<u64> {
     let log = metric_log::read(&store.folder(id).join("running").join("metrics.log")).ok()?;
     log.table.rows.last().map(|row| row.step)

@@ -1,4 +1,4 @@
-//! Completions for shells and the manual page, made of the command line itself.
+//! Shell completions and the manual page, generated from the command line itself.
 
 use super::{command, say};
 use clap_complete::Shell;

@@ -1,4 +1,4 @@
-//! `submit`, `cancel`, and what `status` says of submissions.
+//! `submit`, `cancel`, and the lines of `status` about submissions.
 
 use super::{Common, Format, Studies, complain, consent::Consent, say};
 use clap::{
@@ -25,20 +25,20 @@ pub(super) fn values(kinds: &[ExecutorKind], which: fn(&ExecutorKind) -> bool) -
 
 #[derive(Debug, Clone, Args)]
 pub(super) struct SubmitOptions {
-    /// Executor that they are handed to.
+    /// Executor that receives the missing trials.
     #[arg(long, value_name = "NAME")]
     executor: String,
     /// Print the script or manifest and submit nothing.
     #[arg(long, short = 'n')]
     dry_run: bool,
-    /// With --dry-run: write it into this file instead.
+    /// With --dry-run: write the script or manifest into this file instead.
     #[arg(long, short = 'o', value_name = "FILE", requires = "dry_run")]
     out: Option<PathBuf>,
     #[command(flatten)]
     consent: Consent,
 }
 
-/// `submit`: what is missing is handed over, or what would be is shown.
+/// `submit`: submits the missing trials, or prints the script or manifest.
 pub(super) fn submit(
     registry: &Registry,
     studies: &Studies,
@@ -50,7 +50,7 @@ pub(super) fn submit(
     if !options.dry_run {
         options.consent.ask(&session, &planned)?;
     }
-    // The command line takes names of the list alone.
+    // The command line accepts only names of this list.
     let Some(kind) = executor::find(registry, &options.executor) else {
         return Ok(Exit::BadStudy);
     };
@@ -65,7 +65,7 @@ pub(super) fn submit(
     Ok(Exit::Ok)
 }
 
-/// `cancel`: ends what was submitted for the trials of these studies.
+/// `cancel`: cancels the submissions for the trials of these studies.
 pub(super) fn cancel(registry: &Registry, studies: &Studies, common: &Common) -> Result<Exit, Failure> {
     let session = studies.open_here(registry, common)?;
     let cancelled = session.cancel(&session.load_with_looks()?)?;
@@ -79,7 +79,7 @@ pub(super) fn cancel(registry: &Registry, studies: &Studies, common: &Common) ->
     Ok(Exit::Ok)
 }
 
-/// Says which submissions of this store queues still hold.
+/// Prints the submissions of this store that are still in a queue.
 pub(super) fn show(session: &Session<'_>, format: Format) {
     let holdings = match session.holdings() {
         Ok(holdings) => holdings,

@@ -1,4 +1,4 @@
-//! Workers of a submission whose queue cannot be told to cancel them: they read the record themselves.
+//! Workers of a submission whose queue cannot cancel them: they read the record of the submission themselves.
 
 use super::complain;
 use execution::{
@@ -12,11 +12,11 @@ use std::{
     time::Duration,
 };
 
-/// How often a worker looks whether its submission was cancelled.
+/// Time between two checks whether the submission was cancelled.
 const LOOK: Duration = Duration::from_secs(2);
 
-/// Whether somebody waits for what this worker would do. The submission is minded from then on: once it is cancelled,
-/// trials save a checkpoint and the worker leaves.
+/// Whether the submission of this worker is still open. It is watched from then on: once it is cancelled, trials save a
+/// checkpoint and the worker leaves.
 pub(super) fn is_wanted(submission: Option<&str>, settings: &Settings) -> Result<bool, Failure> {
     let Some(id) = submission else { return Ok(true) };
     let store = settings.store.clone();
@@ -32,19 +32,19 @@ pub(super) fn is_wanted(submission: Option<&str>, settings: &Settings) -> Result
     Ok(open)
 }
 
-/// Stops this process as the early warning of a batch system does. That is said again until it has left, since it may
-/// be between two runs.
+/// Watches the submission and stops this process by the signal of a batch system's early warning. The signal is
+/// repeated until the process has left, since it may come between two runs.
 fn mind(store: PathBuf, id: &str) {
     loop {
         clock::sleep(LOOK);
         if is_cancelled(&store, id) {
-            // A signal that cannot be sent now is sent at the next look.
+            // A signal that cannot be sent now is sent at the next check.
             let _ = raise(SIGUSR1);
         }
     }
 }
 
-/// A record that cannot be read in this moment says nothing.
+/// Whether the submission was cancelled; false if its record cannot be read at the moment.
 fn is_cancelled(store: &Path, id: &str) -> bool {
     let found = Submission::find(store, id).unwrap_or(None);
     found.is_some_and(|found| found.state == SubmissionState::Cancelled)

@@ -1,5 +1,4 @@
-//! Files for continuous integration, written after a command: how every trial ended, as JUnit XML and as
-//! JSON.
+//! Files for continuous integration, written after a command: the ends of all trials as JUnit XML and as JSON.
 
 use super::{Common, Studies};
 use clap::Args;
@@ -12,23 +11,22 @@ use report::{Outcome, junit, outcomes_as_json};
 use session::{Exit, Failure, Planned, Session};
 use std::{path::PathBuf, time::Instant};
 
-/// Which files to write.
+/// Files to write.
 #[derive(Debug, Clone, Args)]
 pub(super) struct Summaries {
-    /// Write how every trial ended as JUnit XML, one test case per trial.
+    /// Write the end of every trial as JUnit XML, one test case per trial.
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
-    /// Write counts by end state and every trial that is not ok as JSON.
+    /// Write counts by end state, and every trial that did not end `ok`, as JSON.
     #[arg(long, value_name = "FILE")]
     summary: Option<PathBuf>,
 }
 
 impl Summaries {
-    /// Carries out a command, then writes the files, also where the command could not be carried out to its
-    /// end.
+    /// Carries out a command, then writes the files, even if the command failed.
     ///
-    /// All trials of the selection are in them, whoever ran them. Nothing is written where the studies
-    /// themselves are refused.
+    /// They contain all trials of the selection, including those that other programs ran. Nothing is written if the
+    /// studies themselves are refused.
     pub(super) fn after(
         &self,
         registry: &Registry,
@@ -40,7 +38,7 @@ impl Summaries {
         let answer = command();
         let exit = answer.as_ref().map_or_else(|failure| failure.exit, |exit| *exit);
         let written = self.write(registry, studies, common, started, exit.code());
-        // The first failure is the one that is reported.
+        // The first failure is reported.
         answer.and_then(|exit| written.map(|()| exit))
     }
 
@@ -80,7 +78,7 @@ fn outcome(session: &Session<'_>, one: Planned) -> Result<Outcome, Failure> {
 }
 
 fn write(path: &std::path::Path, text: String) -> Result<(), Failure> {
-    // A bare file name has the empty path as its folder, which stands for the current one.
+    // A bare file name has the empty path as its folder, which means the current one.
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         fs::create_dir_all(folder).map_err(contract::Error::file("create", folder))?;
     }

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// The trials that are computed again.
 #[derive(Debug, Clone, Args)]
 pub(super) struct VerifyArgs {
-    /// Study files; every trial of the store where none is given.
+    /// Study files; every trial of the store where absent.
     #[arg(value_name = "STUDY")]
     specs: Vec<PathBuf>,
     /// Profile of the study (a named budget).
@@ -19,13 +19,13 @@ pub(super) struct VerifyArgs {
     /// Replace one value, as in `--set dsac.discount=0.999`.
     #[arg(long = "set", short = 'S', value_name = "PATH=VALUE")]
     sets: Vec<String>,
-    /// Number of seeds, in place of the study's.
+    /// Number of seeds, instead of the study's.
     #[arg(long, value_name = "N")]
     seeds: Option<u64>,
     /// Only trials of these environments and agents (names of the study).
     #[arg(long, value_name = "NAME")]
     only: Vec<String>,
-    /// So many trials, drawn by the seed; all where absent.
+    /// Number of trials to draw at random; all where absent.
     #[arg(long, value_name = "N")]
     sample: Option<usize>,
     /// Seed of the sample: the same seed draws the same trials.
@@ -34,7 +34,7 @@ pub(super) struct VerifyArgs {
     /// Worker processes; `workers` in regimen.toml, else the number of cores.
     #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N", value_parser = super::one_or_more)]
     jobs: Option<usize>,
-    /// Write the receipt into a file, too, in the same format as it is printed.
+    /// Also write the receipt into a file, in the format of the output.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -43,7 +43,7 @@ pub(super) struct VerifyArgs {
     consent: Consent,
 }
 
-/// 101 where numbers differ, 106 where a trial could not be compared, otherwise 0.
+/// Exit code 101 if numbers differ, 106 if a trial could not be compared, otherwise 0.
 pub(super) fn verify(registry: &Registry, options: &VerifyArgs, common: &Common) -> Result<Exit, Failure> {
     let session = options.studies().open(registry, common)?;
     let how = VerifyOptions {

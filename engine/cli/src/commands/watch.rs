@@ -26,30 +26,30 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// The studies that are watched, and how they are shown.
+/// The studies to watch, and the form of the view.
 #[derive(Debug, Clone, Args)]
 pub(super) struct WatchOptions {
     #[command(flatten)]
     studies: Studies,
-    /// Write a page with the curves, again and again until no trial is left, in place of the terminal view.
+    /// Write a page with the curves repeatedly until no trial is left, instead of the terminal view.
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
-    /// Show once and leave, as text; so it is where standard output is no terminal.
+    /// Print once as text and leave; the default if standard output is no terminal.
     #[arg(long)]
     once: bool,
-    /// Metric that is shown first; that of the study's learning curves where absent.
+    /// Metric that is shown first; where absent, that of the study's learning curves.
     #[arg(long, value_name = "NAME")]
     metric: Option<String>,
-    /// Seconds between two looks at the store.
+    /// Seconds between two reads of the store.
     #[arg(long, value_name = "SECONDS", default_value_t = 2.0, value_parser = seconds)]
     every_s: f64,
 }
 
-/// A look takes at most this part of the time, however large the store is.
+/// After each look the watcher rests for at least this many times the duration of the look, however large the store is.
 const REST_PER_LOOK: u32 = 5;
-/// How long a key may have to wait.
+/// Longest reaction time to a key.
 const KEY_WAIT: Duration = Duration::from_millis(100);
-/// Studies that grow are planned again after so many looks.
+/// Number of looks after which studies that grow are planned again.
 const LOOKS_PER_PLAN: u64 = 10;
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -60,7 +60,7 @@ fn seconds(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "write a number from 0.1 to 3600".into())
 }
 
-/// Leaves with 0 whatever it saw; with 2 where a study is wrong.
+/// Exit code 0 whatever the trials did; 2 if a study is wrong.
 pub(super) fn watch(registry: &Registry, options: &WatchOptions, common: &Common) -> Result<Exit, Failure> {
     let session = options.studies.open_here(registry, common)?;
     let planned = session.load_with_looks()?;
@@ -101,7 +101,7 @@ pub(super) fn watch(registry: &Registry, options: &WatchOptions, common: &Common
     }
     listen_for_signals(&stop)?;
     let terminal = ratatui::try_init().map_err(broken)?;
-    // A panic restores the terminal by the hook that was installed with it.
+    // After a panic the hook that was installed with the terminal restores it.
     let shown = watching.show(terminal, &stop);
     ratatui::restore();
     shown
@@ -114,7 +114,7 @@ fn broken(error: std::io::Error) -> Failure {
     }
 }
 
-/// Metrics of which less is better, by what studies say of them and by the minimized of their searches.
+/// Metrics of which less is better, from the definitions in studies and from searches that minimize.
 fn less_is_better(planned: &[Planned]) -> BTreeSet<String> {
     let of_study = |one: &Planned| -> Vec<String> {
         let metrics = one.study.metrics.iter().filter(|it| it.better == Better::Lower);
@@ -148,8 +148,8 @@ struct Watching<'a> {
 }
 
 impl Watching<'_> {
-    /// The trials as they are now. Studies whose trials depend on results are planned again from time to time;
-    /// as long as one cannot be read, because it is being edited, the last plan holds.
+    /// The trials as they are now. Studies whose trials depend on results are planned again periodically; while a study
+    /// cannot be read because it is being edited, the last plan stays in use.
     fn look(&mut self) -> View {
         let grows = |one: &Planned| one.study.design.is_some() || !one.study.searches.is_empty();
         if self.looks > 0 && self.looks.is_multiple_of(LOOKS_PER_PLAN) && self.planned.iter().any(grows) {
@@ -165,7 +165,7 @@ impl Watching<'_> {
         self.watcher.look(&watched.collect::<Vec<_>>(), store::now())
     }
 
-    /// A look, and when the next one is due.
+    /// A look, and the time of the next one.
     fn look_timed(&mut self) -> (View, Instant) {
         let begun = clock::now();
         let view = self.look();
@@ -240,7 +240,7 @@ fn leaves(key: KeyEvent) -> bool {
     }
 }
 
-/// Action that a key chooses.
+/// The view that a key chooses.
 fn turned(choice: Focus, key: KeyCode) -> Focus {
     let (panel, metric, scroll) = (choice.panel, choice.metric, choice.scroll);
     match key {
@@ -268,7 +268,7 @@ fn turned(choice: Focus, key: KeyCode) -> Focus {
     }
 }
 
-/// The page appears whole; its folder is made where it is not there.
+/// Writes the page atomically, and creates its folder if needed.
 fn write_page(path: &Path, text: &str) -> Result<(), Error> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder {

@@ -1,5 +1,5 @@
-//! Names that a study may use, by groups. `list`, `describe` and the reference read these lists, and each of them is
-//! the one that `check` or the readers of a study read.
+//! Names that a study may use, by groups. `list`, `describe` and the reference read the same lists as `check` and the
+//! readers of a study.
 
 use super::sections;
 use analysis::claim::{Aggregate, forms};
@@ -25,11 +25,11 @@ pub enum Group {
     Tables,
     /// Kinds of figures.
     Figures,
-    /// Ways to make the values of a swept key.
+    /// Ways to generate the values of a swept key.
     Samplers,
     /// Relations between the two sides of a claim.
     Relations,
-    /// How a trial's measurements become one number in a claim.
+    /// Reductions of a trial's measurements to one number in a claim.
     Aggregates,
     /// Artifacts of trials that other trials take by `{ from: NAME }`.
     Artifacts,
@@ -38,7 +38,7 @@ pub enum Group {
 }
 
 impl Group {
-    /// All of them, in the order in which they are shown.
+    /// All groups, in the order of display.
     pub const ALL: [Self; 11] = [
         Self::Sections,
         Self::Environments,
@@ -53,7 +53,7 @@ impl Group {
         Self::Executors,
     ];
 
-    /// The word for all of it, as in `regimen list samplers`.
+    /// The word for the group on the command line, as in `regimen list samplers`.
     #[must_use]
     pub fn word(self) -> String {
         format!("{self:?}").to_lowercase()

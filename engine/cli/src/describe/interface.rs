@@ -1,17 +1,17 @@
-//! Observations and actions of an environment's seats, and its trace, in few lines: channels that differ by a number
-//! alone stand together.
+//! Observations and actions of an environment's seats, and its trace, in few lines: channels whose names differ only in
+//! a number are shown together.
 
 use contract::{Channel, Interface, Seat, Space};
 use serde::{Serialize, Serializer};
 
-/// Channels that differ by numbers in their names alone.
+/// Channels whose names differ only in numbers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Channels {
     /// The first name.
     pub first: String,
     /// The last name; the first one where there is one channel.
     pub last: String,
-    /// How many there are.
+    /// Number of channels.
     pub count: usize,
     /// SI unit; empty where there is none.
     pub unit: String,
@@ -33,21 +33,21 @@ pub struct SpaceFacts {
     /// Channels of a box, and the entries of a simplex.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub channels: Vec<Channels>,
-    /// The options, of which one is chosen; of each choice where there are several at once.
+    /// The options of a choice, or of each choice if there are several at once.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub options: Vec<ChoiceOptions>,
 }
 
-/// Options of which one is chosen.
+/// Options of one choice.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ChoiceOptions {
-    /// Names of the choices; empty where there is one choice alone.
+    /// Names of the choices; empty if there is only one choice.
     pub choice: String,
     /// The names of the options.
     pub among: Vec<String>,
 }
 
-/// Seats that see and do the same.
+/// Seats with the same observations and actions.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SeatFacts {
     /// Their names; one empty name for the only seat of an environment.
@@ -58,7 +58,7 @@ pub struct SeatFacts {
     pub does: SpaceFacts,
 }
 
-/// Seats in order, those alike together.
+/// Seats in order, with equal ones together.
 pub(super) fn seats(interface: &Interface) -> Vec<SeatFacts> {
     let mut all: Vec<SeatFacts> = Vec::new();
     for Seat {
@@ -112,7 +112,7 @@ fn shares(names: &[String]) -> Vec<Channel> {
         .collect()
 }
 
-/// Channels in the order in which they begin, those that are numbered together.
+/// Channels in the order of their first names, with numbered ones together.
 pub(super) fn channels(list: &[Channel]) -> Vec<Channels> {
     let mut all: Vec<Channels> = Vec::new();
     for channel in list {
@@ -143,7 +143,7 @@ fn is_alike(group: &Channels, one: &Channels) -> bool {
         && (&group.unit, group.low, group.high) == (&one.unit, one.low, one.high)
 }
 
-/// A name with its numbers taken out.
+/// A name without its numbers.
 fn stem(name: &str) -> String {
     name.split(|letter: char| letter.is_ascii_digit())
         .filter(|part| !part.is_empty())
@@ -151,7 +151,7 @@ fn stem(name: &str) -> String {
         .join("#")
 }
 
-/// Limits with four digits, so that the last bits of a computed one are not shown.
+/// Limits rounded to four digits, so that rounding errors of computed limits are not shown.
 pub(super) fn short(value: f64) -> f64 {
     format!("{value:.3e}").parse().unwrap_or(value)
 }

@@ -1,11 +1,11 @@
-//! The keys of a JSON Schema as data: nested structs, lists, mappings and the forms of a choice, to the last one.
+//! The keys of a JSON Schema as data, including nested structs, lists, mappings and the forms of a choice.
 
 use document::schema_check::View;
 use presentation::kinds::ELSEWHERE;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// Keys are followed this deep; a schema that refers to itself ends here.
+/// Maximum depth of keys, which ends a schema that refers to itself.
 const DEEPEST: usize = 8;
 
 /// A key that a study may write.
@@ -22,15 +22,15 @@ pub struct Key {
     /// The unit; empty where there is none.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub unit: String,
-    /// True where a study has to write it.
+    /// Whether a study has to write it.
     pub required: bool,
-    /// Value that holds where the key is absent; null where there is none, and absent where a schema does not say.
+    /// Value that applies if the key is absent; null if there is none, and absent if the schema does not state one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub default: Option<Value>,
     /// Meaning of the key.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub about: String,
-    /// Where its default comes from.
+    /// Source of its default.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub source: String,
     /// The keys of a mapping whose keys are fixed.
@@ -47,12 +47,12 @@ pub struct Key {
 /// One way to write something.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Notation {
-    /// How it is written: a word, a mapping with its one key, or what it is in words.
+    /// Its notation: a word, a mapping with one key, or a description.
     pub written: String,
     /// Meaning of the value.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub about: String,
-    /// A use of it; empty where its keys say enough.
+    /// An example; empty if its keys say enough.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub example: String,
     /// Its keys.
@@ -84,7 +84,7 @@ impl Key {
     }
 }
 
-/// The keys of a mapping; `defaults` has the values that hold for absent ones, where they are known.
+/// The keys of a mapping; `defaults` holds the values of absent keys, if they are known.
 pub(super) fn keys(schema: &View<'_>, defaults: &Value) -> Vec<Key> {
     keys_at(schema, defaults, 0)
 }
@@ -175,7 +175,7 @@ fn inside(schema: &View<'_>, default: Option<&Value>, depth: usize) -> Inside {
     }
 }
 
-/// Forms that say nothing but words are listed where the type is.
+/// The forms, without a list of plain words, which the type already names.
 fn said(forms: Vec<Notation>) -> Vec<Notation> {
     let is_word_alone =
         |form: &Notation| form.about.is_empty() && form.keys.is_empty() && form.entries.is_none();
@@ -186,7 +186,7 @@ fn said(forms: Vec<Notation>) -> Vec<Notation> {
     }
 }
 
-/// True where the choice is among plugins or kinds, which are described under their own names.
+/// Whether the choice is among plugins or kinds, which are described under their own names.
 fn is_described_elsewhere(schema: &View<'_>) -> bool {
     let is_plugin = |place: &View<'_>| {
         let kind = place.get("x-kind").and_then(Value::as_str);
@@ -195,7 +195,7 @@ fn is_described_elsewhere(schema: &View<'_>) -> bool {
     schema.get(ELSEWHERE).is_some() || schema.alternatives().iter().any(is_plugin)
 }
 
-/// How one of several alternatives is written; several forms where it lists words.
+/// The notation of one of several alternatives; several forms if it lists words.
 pub(super) fn form(place: &View<'_>, depth: usize) -> Vec<Notation> {
     let about = place
         .get("description")
@@ -228,7 +228,7 @@ pub(super) fn form(place: &View<'_>, depth: usize) -> Vec<Notation> {
     }]
 }
 
-/// Each entry of a list or of a mapping with free keys, where there is more to say of it than its type.
+/// Each entry of a list or of a mapping with free keys, if there is more to describe than its type.
 fn entries(place: &View<'_>, depth: usize) -> Option<Box<Key>> {
     let entry = if place.types().contains(&"array") {
         place.item(0)

@@ -1,5 +1,4 @@
-//! Contract of every kind of table and figure: it describes itself, refuses unknown names, and
-//! can be built.
+//! The contract of every kind of table and figure: it describes itself, refuses unknown names, and can be built.
 
 use crate::describe::{FitOptions, find, text};
 use analysis::{
@@ -72,7 +71,7 @@ fn load(section: &str, kind: &Kind, options: &str) -> Result<Study, Vec<Diagnost
     study::load_text(&text, "study.yaml", Path::new(""), &toys(), &options)
 }
 
-/// Kinds that show what trials leave, not what they record, and name no metric.
+/// Kinds that show what trials leave instead of what they record, and name no metric.
 const WITHOUT_METRICS: [&str; 6] = [
     "graph",
     "images",
@@ -82,8 +81,8 @@ const WITHOUT_METRICS: [&str; 6] = [
     "parallel_coordinates",
 ];
 
-/// The first of some words that a kind's example has, replaced by one that no study knows; `None` where it has
-/// none.
+/// The example of a kind, with the first of `words` that occurs in it replaced by an unknown name; `None` if none
+/// occurs.
 fn with_unknown(kind: &Kind, words: &[&str]) -> Option<String> {
     let example = (kind.example)();
     let word = words.iter().find(|word| example.contains(*word))?;
@@ -92,7 +91,7 @@ fn with_unknown(kind: &Kind, words: &[&str]) -> Option<String> {
 
 /// Values that differ by agent and seed, during learning, at the end and in a trace of a full grid.
 fn made_up(trial: Arc<Trial>) -> TrialResult {
-    // Settings differ, so that something can be said of what they do.
+    // Settings differ, so that kinds about the effect of settings have something to show.
     let of_setting = trial.cell.point.words().bytes().map(f64::from).sum::<f64>() / 1000.0;
     let value = 10.0 * trial.cell.agent.len() as f64 + trial.key.seed as f64 + of_setting;
     let mut rows: testing::synthetic::Rows = Vec::new();
@@ -232,7 +231,7 @@ fn every_kind_builds_what_its_example_asks_for() {
             );
             assert!(figure::svg(&chart).unwrap().contains("<svg"));
         }
-        // A study with a search has tables and figures that it does not ask for.
+        // A study with a search gets tables and figures that it does not name.
         assert!(study.tables.len() + study.figures.len() > study.searches.len());
     }
 }

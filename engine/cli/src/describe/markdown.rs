@@ -49,7 +49,7 @@ fn page(registry: &Registry, group: Group) -> Page {
     }
 }
 
-/// Topic of a page, and the place of its names in a study.
+/// The topic of a page, and the section of a study that uses its names.
 fn introduction(group: Group) -> &'static str {
     match group {
         Group::Sections => {
@@ -100,7 +100,7 @@ impl Lines {
         let _ = writeln!(self.0, "{}", text.trim_end());
     }
 
-    /// An empty line, where there is none yet.
+    /// Adds an empty line unless there is one.
     fn gap(&mut self) {
         if !self.0.ends_with("\n\n") {
             self.line("");
@@ -339,7 +339,7 @@ fn sentence(about: &str, rest: &str) -> String {
     format!("{first}{}{end}{rest}", letters.as_str())
 }
 
-/// Prose in one line, with what Markdown would take for marks escaped outside of code.
+/// Prose in one line, with characters of Markdown's syntax escaped outside of code.
 fn prose(text: &str) -> String {
     let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
     let parts = text.split('`').enumerate();

@@ -1,8 +1,8 @@
 //! Names that a study may use, described for people, for programs and for the reference: plugins, kinds of tables and
 //! figures, sections, samplers, relations and aggregates of claims, artifacts, executors.
 //!
-//! A [`Subject`] is data; [`text`] and [`markdown`] write it. Keys come from the schemas that `check` holds
-//! studies against, so that what is described is what passes.
+//! A [`Subject`] is data; [`text`] and [`markdown`] write it. Keys come from the schemas with which `check` checks
+//! studies, so descriptions and checks agree.
 
 mod group;
 mod interface;
@@ -32,17 +32,17 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use study::fit;
 
-/// Version of the form in which subjects are written as JSON. Keys may be added to it; one that is taken away or
-/// changes its meaning raises it.
+/// Version of the JSON form of subjects. New keys do not change it; a key that is removed or changes its meaning raises
+/// it.
 pub const FORMAT: u32 = 1;
 
-/// Nothing that a study may name has this name.
+/// The error for a name that a study cannot use.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("nothing is named `{name}`; {}", advice(nearest.as_deref()))]
 pub struct UnknownName {
-    /// The name that was asked for.
+    /// The unknown name.
     pub name: String,
-    /// The name that was probably meant.
+    /// The most similar known name.
     pub nearest: Option<String>,
 }
 
@@ -53,7 +53,7 @@ fn advice(nearest: Option<&str>) -> String {
     }
 }
 
-/// One thing that a study may name. What does not apply is empty, and absent from JSON.
+/// One subject that a study may name. Fields that do not apply are empty, and absent from JSON.
 #[derive(Debug, Clone, Serialize)]
 pub struct Subject {
     /// Its name.
@@ -62,10 +62,10 @@ pub struct Subject {
     pub group: Group,
     /// Description in a sentence or two.
     pub about: String,
-    /// Raised with every change of code that changes numbers, of plugins.
+    /// Version of a plugin, raised with every change of code that changes numbers.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub version: Option<u32>,
-    /// Uses of it in a study: `written` says what is special, `example` is YAML.
+    /// Uses of it in a study: `written` names the case, `example` is YAML.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub examples: Vec<Notation>,
     /// The grammar of claims.
@@ -74,7 +74,7 @@ pub struct Subject {
     /// The forms of a claim, each with an example.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub forms: Vec<Notation>,
-    /// Names of what may stand there, which is described under its own name.
+    /// Names that may stand there and are described as subjects of their own.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub choice: Vec<String>,
     /// Its keys.
@@ -121,7 +121,7 @@ impl Subject {
         }
     }
 
-    /// All keys of it, dotted where they are nested.
+    /// All its keys, dotted if they are nested.
     #[must_use]
     pub fn paths(&self) -> Vec<String> {
         let own = self.keys.iter().flat_map(Key::paths);
@@ -129,7 +129,7 @@ impl Subject {
     }
 }
 
-/// A metric in words.
+/// A metric, described.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MetricFacts {
     /// Its name, as studies write it.
@@ -138,9 +138,9 @@ pub struct MetricFacts {
     pub unit: String,
     /// Description in a sentence or two.
     pub about: String,
-    /// `less` where less is better; `more` where more is, or where nothing is said.
+    /// `less` if less is better; `more` if more is better or no direction is given.
     pub better: &'static str,
-    /// How the steps of an episode become its value: `sum`, `mean` or `last`.
+    /// Reduction of the steps of an episode to its value: `sum`, `mean` or `last`.
     pub per_episode: &'static str,
 }
 
@@ -165,10 +165,10 @@ impl From<&Metric> for MetricFacts {
     }
 }
 
-/// Everything that has this name, of whichever group; `asked` says how much is to be found out by building.
+/// All subjects with this name, of any group; `asked` selects the facts that require building plugins.
 ///
 /// # Errors
-/// Where nothing has the name: the nearest one.
+/// An unknown name, with the most similar one.
 pub fn find(registry: &Registry, name: &str, asked: FitOptions) -> Result<Vec<Subject>, UnknownName> {
     let all: Vec<(Group, Vec<String>)> = Group::ALL
         .into_iter()
@@ -289,7 +289,7 @@ fn executor(kind: &ExecutorKind) -> Option<Subject> {
         Way::Written(_, command) => format!("{}; hand it over with `{command}`.", kind.about),
     };
     let keys = keys.into_iter().map(|key| Key {
-        // Its meaning says what holds where it is absent.
+        // The description of the sampler states the default.
         default: None,
         ..key
     });

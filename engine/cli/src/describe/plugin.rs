@@ -1,5 +1,4 @@
-//! Environments, agents and protocols: their keys, and what is found out of them by building them with their
-//! defaults.
+//! Environments, agents and protocols: their keys, and facts that are found by building them with their defaults.
 
 use super::{
     FitOptions, Key, MetricFacts, Subject, Unfit, fit,
@@ -22,9 +21,9 @@ use serde_json::{Value, json};
 /// Properties of an environment with its defaults.
 #[derive(Debug, Clone, Serialize)]
 pub struct EnvironmentFacts {
-    /// Seats that see and do the same stand together.
+    /// Seats; those with the same observations and actions are listed together.
     pub seats: Vec<SeatFacts>,
-    /// Quantities that a traced episode holds besides actions and rewards, for trajectory figures.
+    /// Quantities of a traced episode in addition to actions and rewards, for trajectory figures.
     pub traces: Vec<Channels>,
     /// The full state, which informed controllers and centralised critics read.
     pub state: Vec<Channels>,
@@ -32,7 +31,7 @@ pub struct EnvironmentFacts {
     pub learners: Vec<String>,
     /// Agents that do not learn and fit it.
     pub rules: Vec<String>,
-    /// Agents that do not fit, with reasons, where these are asked for.
+    /// Agents that do not fit, with reasons, if they were requested.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub unfit: Vec<Unfit>,
 }
@@ -42,17 +41,17 @@ pub struct EnvironmentFacts {
 pub struct AgentFacts {
     /// False for rules and bounds.
     pub learns: bool,
-    /// Protocols that give it what it learns from.
+    /// Protocols with the feed that it learns from.
     pub protocols: Vec<String>,
-    /// True where it reads the full state of an environment.
+    /// Whether it reads the full state of an environment.
     pub reads_state: bool,
     /// Artifacts of other trials that a config can name.
     pub takes: Vec<Takes>,
-    /// Artifacts that a trial of it leaves, whatever its protocol adds.
+    /// Artifacts that a trial of it leaves, without those that its protocol adds.
     pub leaves: Vec<String>,
     /// Environments that it fits.
     pub environments: Vec<String>,
-    /// Environments that it does not fit, with reasons, where these are asked for.
+    /// Environments that it does not fit, with reasons, if they were requested.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub unfit: Vec<Unfit>,
 }
@@ -72,7 +71,7 @@ pub struct Takes {
 pub struct ProtocolFacts {
     /// Feed of agents that learn: `decisions`, `examples`, `datasets`, `designs` or `nothing`.
     pub gives: &'static str,
-    /// Artifacts that a trial of it leaves besides what its agent leaves.
+    /// Artifacts that a trial of it leaves in addition to those of its agent.
     pub leaves: Vec<String>,
 }
 
@@ -80,7 +79,7 @@ pub(super) fn environment(registry: &Registry, name: &str, asked: FitOptions) ->
     let about = &registry.environments.get(name)?.about;
     let example = format!("environments:\n  plant: {{ {name}: {{}} }}");
     let mut subject = of_plugin(name, Group::Environments, about, example);
-    // A plugin that refuses its own defaults has keys, and nothing else is known of it.
+    // For a plugin that refuses its own defaults, only the keys are known.
     let Some(built) = fit::environment(registry, name) else {
         return Some(subject);
     };
@@ -138,7 +137,7 @@ pub(super) fn agent(registry: &Registry, name: &str, asked: FitOptions) -> Optio
     Some(subject)
 }
 
-/// Builds an agent in every environment; the first that it fits tells what it leaves.
+/// Builds an agent in every environment; the first environment that it fits determines the artifacts that it leaves.
 fn try_everywhere(registry: &Registry, entry: &AgentEntry, asked: FitOptions, facts: &mut AgentFacts) {
     for name in registry.environments.keys() {
         let Some(environment) = fit::environment(registry, name) else {
@@ -161,7 +160,7 @@ fn try_everywhere(registry: &Registry, entry: &AgentEntry, asked: FitOptions, fa
     }
 }
 
-/// Artifacts that the untrained agent exports; none of an agent that makes no updates, as in a trial.
+/// Artifacts that the untrained agent exports; none for an agent that makes no updates, as in a trial.
 fn leaves(agent: &dyn Agent) -> Vec<String> {
     let exported = || {
         let folder = tempfile::tempdir().ok()?;
@@ -210,8 +209,8 @@ pub(super) fn protocol(registry: &Registry, name: &str) -> Option<Subject> {
     Some(subject)
 }
 
-/// A protocol with its defaults, and with a name for each artifact that it takes where it needs them; beside it what
-/// was given.
+/// A protocol with its defaults, and with a placeholder for each artifact that it requires; beside it the config that
+/// was used.
 fn with_artifacts(entry: &ProtocolEntry) -> Option<(Box<dyn Protocol>, Value)> {
     if let Ok(built) = (entry.build)(&entry.about.defaults) {
         return Some((built, json!({})));
@@ -268,7 +267,7 @@ fn facts(metrics: &[Metric]) -> Vec<MetricFacts> {
     metrics.iter().map(MetricFacts::from).collect()
 }
 
-/// The artifacts that a key and those below it take.
+/// The artifacts that a key and the keys below it take.
 fn takes(key: &Key, above: &str) -> Vec<Takes> {
     let path = [above, &key.name].into_iter().filter(|part| !part.is_empty());
     let path = path.collect::<Vec<_>>().join(".");

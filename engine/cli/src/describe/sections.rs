@@ -1,6 +1,6 @@
-//! The sections of a study, with an example of each form. What may stand in a section is what its schema says;
-//! the examples are of a study with the agents `rule`, `other` and `learner`, of which the last learns, the
-//! environments `short`, `long` and `pair`, and the play `tag`. A test checks a study with each of them.
+//! The sections of a study, with an example of each form. The schema of a section defines its values. The examples
+//! belong to a study with the agents `rule`, `other` and `learner` (only the last one learns), the environments
+//! `short`, `long` and `pair`, and the play `tag`. A test checks a study with each of them.
 
 use super::{
     Subject,
@@ -26,7 +26,7 @@ const fn example(section: &'static str, about: &'static str, text: &'static str)
     Example { section, about, text }
 }
 
-/// At least one for every section whose entries are no plugins.
+/// At least one example for every section whose entries are no plugins.
 pub(super) const EXAMPLES: &[Example] = &[
     example("study", "", "study: first-look"),
     example("include", "sections of another file, seen from this one", "include: common.yaml"),
@@ -286,7 +286,7 @@ pub(super) fn entries(registry: &Registry) -> Vec<(String, String)> {
         .collect()
 }
 
-/// A section: its keys, the kinds or plugins that may stand in it, and examples.
+/// A section: its keys, the kinds or plugins that it may contain, and examples.
 pub(super) fn subject(registry: &Registry, name: &str) -> Option<Subject> {
     let schema = study::json_schema(registry);
     let view = View::new(&schema, &schema);
@@ -311,7 +311,7 @@ pub(super) fn subject(registry: &Registry, name: &str) -> Option<Subject> {
     })
 }
 
-/// The names that may stand in a section for what is described under them.
+/// The names that a section may contain and that are described under their own names.
 fn choice(registry: &Registry, section: &str) -> Vec<String> {
     let group = |group: Group| {
         group
@@ -373,7 +373,7 @@ fn claim_forms() -> Vec<Notation> {
         .collect()
 }
 
-/// The ways to make the values of a swept key, by name.
+/// The ways to generate the values of a swept key, by name.
 pub(super) fn samplers() -> Vec<(String, Notation)> {
     let schema = study::json_schema(&Registry::default());
     let view = View::new(&schema, &schema);

@@ -41,7 +41,7 @@ fn found(name: &str) -> Vec<Subject> {
     .unwrap()
 }
 
-/// A study in which an example takes the place of the sections that it has.
+/// A study in which an example replaces the sections that it has.
 fn study_with(example: &str) -> String {
     let is_there = |section: &str| {
         example
@@ -107,7 +107,7 @@ fn every_sampler_relation_and_aggregate_has_an_example_that_passes_check() {
             let [example] = subject.examples.as_slice() else {
                 panic!("{name}: {:?}", subject.examples)
             };
-            // Successes are known where a study says what one is.
+            // Successes are known only if the study defines them.
             let success = if name == "given_success" {
                 "\nsuccess: { metric: return, above: 0 }"
             } else {

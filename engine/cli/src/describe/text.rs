@@ -260,7 +260,7 @@ impl Lines {
     }
 }
 
-/// True where a subject is something with keys, of which it may have none.
+/// Whether a subject has keys in principle, even if it has none at present.
 fn has_keys(subject: &Subject) -> bool {
     !subject.keys.is_empty() || subject.version.is_some() || subject.group == Group::Executors
 }

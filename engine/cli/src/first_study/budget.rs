@@ -1,6 +1,6 @@
-//! How long a first study runs, with its default and with each profile.
+//! The budget of a first study, with its default and with each profile.
 
-/// How long a protocol runs, in the lines of its section and in the values of its profiles.
+/// The budget of a protocol, as lines of its section and as values of the profiles.
 pub(super) struct Budget {
     /// The protocol.
     pub(super) protocol: &'static str,
@@ -19,10 +19,11 @@ const STEPS: u64 = 48_000;
 /// Environments that the protocol steps together; steps are multiples of it.
 const TOGETHER: u64 = 64;
 
-/// Training that makes updates with each budget: of an agent whose first one comes after so many transitions.
+/// A training that makes updates with each budget, for an agent whose first update comes after `first_update`
+/// transitions.
 pub(super) fn training(first_update: u64) -> Budget {
     let whole = |steps: u64| steps.next_multiple_of(2 * TOGETHER);
-    // Half of it learns, so that what it took says something of what the rest will take.
+    // The agent learns in half of the steps, so that their duration predicts that of a longer training.
     let smoke = whole(2 * first_update.max(TOGETHER));
     let steps = whole(STEPS.max(2 * first_update)).next_multiple_of(10 * TOGETHER);
     let every = steps / 10;
@@ -57,7 +58,7 @@ pub(super) fn training(first_update: u64) -> Budget {
     }
 }
 
-/// A key with its value, and what it says.
+/// A key with its value and a comment.
 fn line(key: &str, about: &str) -> String {
     format!("{key:<24} # {about}")
 }

@@ -1,9 +1,9 @@
-//! Why no first study is written, and what would be one.
+//! The reasons why no first study can be written, with alternatives.
 
-/// Why no study is written.
+/// The reason why no study is written.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FirstStudyError {
-    /// The name of the study is no name of a file and of a folder.
+    /// The name of the study cannot be the name of a file and of a folder.
     #[error(
         "`{name}` cannot name a study: write small letters, digits, `.`, `_` and `-`, as in `first-look`"
     )]
@@ -21,7 +21,7 @@ pub enum FirstStudyError {
         /// The names that exist.
         advice: String,
     },
-    /// The agent does not learn, and a first study shows one that does.
+    /// The agent does not learn, but a first study shows an agent that learns.
     #[error(
         "the agent `{agent}` does not learn; agents that learn and fit here: {}",
         listed(fitting)
@@ -51,7 +51,7 @@ pub enum FirstStudyError {
         /// Environments that the agent fits.
         environments: Vec<String>,
     },
-    /// No protocol gives the agent what it learns from without something that a first study does not have.
+    /// No protocol lets the agent learn without parts that a first study does not have.
     #[error(
         "no first study is made of `{agent}` in `{environment}`: it learns neither from its own decisions nor by \
          proposing designs there; agents that do: {}",
@@ -62,15 +62,15 @@ pub enum FirstStudyError {
         agent: String,
         /// The environment.
         environment: String,
-        /// Agents of which a study can be made.
+        /// Agents with which a first study is possible.
         fitting: Vec<String>,
     },
-    /// No agent that learns, or none that does not, fits the environment.
+    /// No agent that learns, or none that does not learn, fits the environment.
     #[error("no first study is made of `{environment}`: no agent that {lacking} fits it with its defaults")]
     Nobody {
         /// The environment.
         environment: String,
-        /// The missing part.
+        /// The missing kind of agent.
         lacking: &'static str,
     },
     /// The study does not pass `check`.

@@ -1,5 +1,5 @@
-//! The study that `new` writes: one environment, an agent that learns beside a rule, a table, a claim and a
-//! learning curve, every section with a comment. What is written passes `check` with each of its profiles.
+//! The study that `new` writes: one environment, an agent that learns beside a rule, a table, a claim and a learning
+//! curve, every section with a comment. It passes `check` with each of its profiles.
 
 mod budget;
 mod error;
@@ -21,11 +21,11 @@ use std::path::Path;
 use study::{Options, fit};
 use text::Pair;
 
-/// An agent that learns nothing from so many transitions is no first example.
+/// An agent whose first update comes after more transitions is no first example.
 const MOST_UNTRAINED: u64 = 1_000_000;
 
-/// The text of a first study. What is not given is chosen: the registry's own pair where it fits, else the first
-/// that does.
+/// The text of a first study. Absent names are chosen: the registry's own pair if it fits, otherwise the first pair
+/// that fits.
 ///
 /// # Errors
 /// A choice that does not exist or does not fit, with the choices that do.
@@ -64,7 +64,7 @@ fn known<'a>(
     }
 }
 
-/// How a study names an environment that is written in Python; `None` for names that are no such thing.
+/// The way to name a Python environment in a study; `None` if the name is not of that form.
 fn in_python(name: &str) -> Option<String> {
     let made = name.contains(':') || name.contains(".py");
     made.then(|| {
@@ -102,7 +102,7 @@ fn choose<'a>(
     }))
 }
 
-/// The names that were asked for; otherwise all, the registry's own first.
+/// The requested name; without one, all names, the registry's own first.
 fn candidates<'a>(
     asked: Option<&'a str>,
     own: Option<&'a str>,
@@ -135,7 +135,7 @@ impl<'a> EnvironmentFit<'a> {
         }
     }
 
-    /// Of agents that nobody asked for only those that learn and fit.
+    /// Whether an agent is tried: every requested one, but otherwise only those that learn and fit.
     fn is_worth_a_try(&self, name: &str, asked: Option<&str>) -> bool {
         asked.is_some() || self.fitting.learners.iter().any(|it| it == name)
     }
@@ -195,7 +195,7 @@ impl<'a> EnvironmentFit<'a> {
         }
     }
 
-    /// The first agent that does not learn, and that decides by what it is shown.
+    /// The first agent that does not learn, and that decides from its current observations alone.
     fn rule(&self) -> Option<String> {
         let built = fit::environment(self.registry, self.environment)?;
         let face = built.interface();
@@ -222,7 +222,7 @@ impl<'a> EnvironmentFit<'a> {
         build(&about.defaults).ok()
     }
 
-    /// The first protocol that gives the agent what it learns from, long enough for updates.
+    /// The first protocol with a feed for the agent, long enough for updates.
     fn budget(&self, entry: &AgentEntry) -> Option<Budget> {
         let built = fit::environment(self.registry, self.environment)?;
         let learner = fit::agent(entry, &built.interface()).ok()?;

@@ -16,7 +16,7 @@ pub(super) struct Pair {
     pub(super) rule: String,
     /// Metrics that the trials record.
     pub(super) metrics: Vec<String>,
-    /// How long they run.
+    /// Duration of the trials.
     pub(super) budget: Budget,
 }
 

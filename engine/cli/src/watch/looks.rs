@@ -1,4 +1,4 @@
-//! How the agents of a panel look in a terminal: the best have names, and marks or colours.
+//! The look of the agents of a panel in a terminal: the best agents have names, and marks or colours.
 
 use super::{Panel, Standing, View, short::shortened};
 use ratatui::{
@@ -7,7 +7,7 @@ use ratatui::{
     text::{Line, Span},
 };
 
-/// Colours that every terminal has, told apart on a light and on a dark ground.
+/// Colours that every terminal has, distinct on a light and on a dark background.
 const COLOURS: [Color; 6] = [
     Color::Cyan,
     Color::Yellow,
@@ -16,16 +16,16 @@ const COLOURS: [Color; 6] = [
     Color::Blue,
     Color::Red,
 ];
-/// Marks in place of colours, with how a legend shows them.
+/// Marks that replace colours, with their symbols in a legend.
 const MARKS: [(Marker, &str); 3] = [(Marker::Braille, "⠒"), (Marker::Dot, "•"), (Marker::Block, "█")];
-/// So many agents have names and colours; of more the best ones, and the rest is grey.
+/// Number of agents with names and colours. If there are more, the best ones have them, and the others are grey.
 const NAMED: usize = 5;
 
-/// How the agents of a panel look.
+/// The look of the agents of a panel.
 pub(super) struct Looks<'a> {
     /// Agents with names, the best first.
     named: Vec<(Standing<'a>, usize)>,
-    /// How many agents are grey.
+    /// Number of grey agents.
     others: usize,
     colours: bool,
 }
@@ -38,7 +38,8 @@ impl<'a> Looks<'a> {
         } else {
             0
         };
-        // In a crowd no two of the best look alike; else agents keep their looks while they change places.
+        // If some agents are grey, no two of the best look alike; otherwise agents keep their look while their ranks
+        // change.
         let look = |(rank, it): (usize, Standing<'a>)| {
             let look = if others > 0 { rank } else { it.agent };
             (it, look)
@@ -75,12 +76,12 @@ impl<'a> Looks<'a> {
         in_lines(entries.chain(grey), width)
     }
 
-    /// The mark and the style of the lines of an agent; `None` for what is not drawn.
+    /// The mark and the style of the lines of an agent; `None` if its lines are not drawn.
     pub(super) fn of_agent(&self, agent: usize) -> Option<(Marker, Style)> {
         let named = self.named.iter().find(|(it, _)| it.agent == agent);
         match named {
             Some((_, look)) => Some((self.mark(*look).0, self.style(*look))),
-            // Without colours lines that have no name would hide those that have one.
+            // Without colours, lines of agents without a name would hide those with one.
             None => self
                 .colours
                 .then(|| (Marker::Braille, Style::new().fg(Color::DarkGray))),
@@ -104,7 +105,7 @@ impl<'a> Looks<'a> {
     }
 }
 
-/// Texts beside each other, as many in a line as fit.
+/// Texts side by side, as many in a line as fit.
 fn in_lines(entries: impl Iterator<Item = (String, Style)>, width: usize) -> Vec<Line<'static>> {
     let mut lines: Vec<Line<'static>> = Vec::new();
     let mut used = usize::MAX;

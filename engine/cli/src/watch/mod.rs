@@ -1,5 +1,5 @@
-//! A look at studies while their trials run: what is done, what runs and how far, and learning curves as far as they
-//! are known. It reads a store and writes nothing into it.
+//! A view of studies while their trials run: finished trials, running trials with their progress, and learning curves
+//! so far. It reads a store and writes nothing into it.
 
 mod looks;
 mod page;
@@ -25,11 +25,11 @@ use std::{
 /// Progress of the trials of a store at one moment.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct View {
-    /// When it was seen, in UTC.
+    /// Time of the view, in UTC.
     pub at: String,
-    /// The studies in the order in which they were named.
+    /// The studies in the order of the command line.
     pub studies: Vec<StudyView>,
-    /// Names of the metrics that curves have, the one that is shown first at the beginning.
+    /// Names of the metrics of the curves; the first one is shown at the beginning.
     pub metrics: Vec<String>,
     /// The metrics of which less is better.
     pub less_is_better: BTreeSet<String>,
@@ -40,17 +40,17 @@ pub struct View {
 pub struct StudyView {
     /// Its name.
     pub name: String,
-    /// How many trials it has now.
+    /// Current number of its trials.
     pub trials: usize,
-    /// How many ended in which state; a trial that was killed from outside runs again and is missing.
+    /// Number of ended trials by state. A trial that was killed from outside runs again and counts as missing.
     pub ended: BTreeMap<EndState, usize>,
-    /// Those that run now.
+    /// Trials that run now.
     pub running: Vec<RunningView>,
-    /// How many neither ended nor run.
+    /// Number of trials that have neither ended nor run.
     pub missing: usize,
-    /// How much is left, as far as stored trials tell.
+    /// Estimate of the remaining time, based on stored trials.
     pub left: Left,
-    /// An environment each, with the curves of all trials in it.
+    /// One panel for each environment, with the curves of all trials in it.
     pub panels: Vec<Panel>,
     /// Files that could not be read, with the reason.
     pub notes: Vec<String>,
@@ -71,42 +71,42 @@ pub struct RunningView {
     pub values: BTreeMap<String, f64>,
     /// The last step that it recorded.
     pub step: u64,
-    /// The steps that it has in all; 0 where that is not known.
+    /// Total number of its steps; 0 if unknown.
     pub steps: u64,
     /// The process that computes it.
     pub by: String,
 }
 
-/// An estimate of what is left.
+/// An estimate of the remaining time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Left {
-    /// Seconds on as many workers as run now; `None` where no stored trial tells how long.
+    /// Seconds on the workers that run now; `None` if no stored trial gives a pace.
     pub wall_s: Option<f64>,
-    /// Trials of agents that no stored trial of the environment is of, which are not in it.
+    /// Number of trials that the estimate leaves out, because no stored trial has their agent and environment.
     pub unknown: usize,
 }
 
-/// The curves of an environment: those of the study, or those of a search.
+/// The curves of an environment, either of the study or of a search.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Panel {
     /// Name of the environment.
     pub environment: String,
-    /// The search whose settings are compared here.
+    /// The search whose settings the panel compares; `None` for the panel of the study.
     pub search: Option<String>,
     /// Agents with their settings, which give lines their colours.
     pub agents: Vec<String>,
-    /// A line per trial.
+    /// One line for each trial.
     pub lines: Vec<SeedLine>,
 }
 
-/// Metrics of a trial while it learns, so far.
+/// Metrics of a trial during learning, so far.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct SeedLine {
-    /// Which agent of the panel.
+    /// Index of the agent in the panel.
     pub agent: usize,
     /// Its seed.
     pub seed: u64,
-    /// True where the trial has not ended.
+    /// Whether the trial has not ended.
     pub open: bool,
     /// Steps with values, by metric.
     #[serde(serialize_with = "whole")]
@@ -122,19 +122,19 @@ fn whole<S: Serializer>(curves: &Arc<Curves>, serializer: S) -> Result<S::Ok, S:
 }
 
 impl StudyView {
-    /// How many trials ended, well or not.
+    /// Number of ended trials, in any state.
     #[must_use]
     pub fn done(&self) -> usize {
         self.ended.values().sum()
     }
 
-    /// True where no trial is left to be computed.
+    /// True if no trial is left to be computed.
     #[must_use]
     pub fn is_finished(&self) -> bool {
         self.missing + self.running.len() == 0
     }
 
-    /// The counts and what is left, as in `3 ok, 1 failed, 2 running, 4 missing; about 5 min left`.
+    /// The counts and the remaining time, as in `3 ok, 1 failed, 2 running, 4 missing; about 5 min left`.
     #[must_use]
     pub fn summary(&self) -> String {
         let ended = self.ended.iter().map(|(state, count)| (*count, state.name()));
@@ -171,7 +171,7 @@ impl Left {
 }
 
 impl RunningView {
-    /// The part that is done; `None` where it is not known.
+    /// The fraction of its steps that is done; `None` if unknown.
     #[must_use]
     pub fn part(&self) -> Option<f64> {
         #[allow(clippy::cast_precision_loss, reason = "it is shown in a bar")]
@@ -187,7 +187,7 @@ impl View {
         panel.standing(metric, self.less_is_better.contains(metric))
     }
 
-    /// The best of a panel in a metric so far: of those that ended, where some have, and else of those that run.
+    /// The best agent of a panel in a metric so far: among ended ones if there are any, otherwise among running ones.
     #[must_use]
     pub fn best<'a>(&self, panel: &'a Panel, metric: &str) -> Option<Standing<'a>> {
         let all = self.standing(panel, metric);
@@ -195,7 +195,7 @@ impl View {
         ended.or(all.first()).cloned()
     }
 
-    /// True where nothing of any study is left to be computed.
+    /// True if no trial of any study is left to be computed.
     #[must_use]
     pub fn is_finished(&self) -> bool {
         self.studies.iter().all(StudyView::is_finished)
@@ -215,15 +215,15 @@ impl View {
 /// An agent with its setting, by the last values of its seeds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Standing<'a> {
-    /// Which agent of the panel.
+    /// Index of the agent in the panel.
     pub agent: usize,
     /// Its name with its setting.
     pub name: &'a str,
     /// The mean of the last values.
     pub value: f64,
-    /// How many seeds have one.
+    /// Number of seeds with a value.
     pub seeds: usize,
-    /// True where a trial of it has not ended.
+    /// Whether a trial of it has not ended.
     pub open: bool,
 }
 
@@ -241,7 +241,7 @@ fn in_words(value: f64) -> String {
 }
 
 impl Panel {
-    /// The environment, and the search where the panel is of one.
+    /// The environment, followed by the search if the panel belongs to one.
     #[must_use]
     pub fn title(&self) -> String {
         match &self.search {
@@ -271,7 +271,7 @@ impl Panel {
         all
     }
 
-    /// The steps and the values that the lines of a metric lie between; `None` where there is no line.
+    /// The ranges of steps and values of the lines of a metric; `None` if there is no line.
     #[must_use]
     pub fn bounds(&self, metric: &str) -> Option<[(f64, f64); 2]> {
         let points = self
@@ -298,7 +298,7 @@ impl Panel {
     }
 }
 
-/// All metrics of some panels: those that are preferred first, then by name.
+/// All metrics of some panels: preferred ones first, then by name.
 fn metrics<'a>(preferred: &[String], panels: impl Iterator<Item = &'a Panel>) -> Vec<String> {
     let lines = panels.flat_map(|panel| &panel.lines);
     let mut known: BTreeSet<&String> = lines.flat_map(|line| line.curves.keys()).collect();
@@ -327,7 +327,7 @@ pub(super) mod tests {
         }
     }
 
-    /// A study under way: two trials are done, one failed, two run, one is missing.
+    /// A study in progress: two trials are done, one failed, two run, one is missing.
     pub(crate) fn view() -> View {
         let running = |seed, step, value| RunningView {
             title: format!("four_cells dsac seed {seed}"),
@@ -371,7 +371,7 @@ pub(super) mod tests {
         }
     }
 
-    /// A search with so many settings of a learner, of which the later ones are better.
+    /// A search with `settings` settings of a learner; later ones are better.
     pub(crate) fn search(settings: usize) -> View {
         let mut view = view();
         let agent = |index: usize| {

@@ -1,4 +1,4 @@
-//! A view as one self-contained page, which a browser reads again by itself.
+//! A view as one self-contained page, which a browser reloads by itself.
 
 use super::{Panel, SeedLine, StudyView, View, in_words, short::shortened};
 use contract::{Better, Error};
@@ -6,7 +6,7 @@ use document::plain_text::printable;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use presentation::figure::{self, Chart, Point, Scale, Series, Shape, Style};
 
-/// Columns of a name in the legend.
+/// Width of a name in the legend, in columns.
 const NAME: usize = 60;
 /// Panels in a row.
 const COLUMNS: usize = 2;
@@ -15,7 +15,7 @@ color:#1a1a1a;background:#fff}h1{font-size:1.3rem}h2{font-size:1.1rem;margin-top
 td,th{padding:.1rem 1rem .1rem 0;text-align:left;font-weight:normal}td.n{text-align:right;font-variant-numeric:\
 tabular-nums}progress{width:12rem}p.at,td.by{color:#666}p.note{color:#a00}svg{max-width:100%;height:auto}";
 
-/// The page. It asks to be read again after `refresh_s` seconds, where that is given.
+/// The page. With `refresh_s`, the browser reloads it after this number of seconds.
 ///
 /// # Errors
 /// [`Error::Render`] where a drawing is refused.
@@ -73,7 +73,7 @@ fn section(view: &View, study: &StudyView) -> Result<Markup, Error> {
     })
 }
 
-/// The best of a panel so far in the first metric that it has; empty where it has none.
+/// The best agent of a panel so far in its first metric; empty if it has no metric.
 fn best(view: &View, panel: &Panel) -> Markup {
     let mut metrics = view.metrics.iter();
     let best = metrics.find_map(|metric| Some((metric, view.best(panel, metric)?)));

@@ -10,11 +10,11 @@ use ratatui::{
     text::Line,
 };
 
-/// Columns of the bars of running trials.
+/// Width of the bars of running trials, in columns.
 const BAR: usize = 10;
 
-/// A line for each running trial: agent with setting, seed, how far it is, the last value of the metric, and the
-/// process where there is room.
+/// A line for each running trial: agent with setting, seed, progress, the last value of the metric, and the process if
+/// there is room.
 pub(super) fn running_lines(
     running: &[&RunningView],
     metric: &str,
@@ -80,7 +80,7 @@ fn in_columns(
         Line::raw(format!("{line}  {by}").trim_end().to_owned())
     };
     let [head, of_seed, of_steps, metric] = &heading;
-    // The heading of the steps stands over the bar, too.
+    // The heading of the steps also covers the bar.
     let (under, over) = (of_names + 2, of_bar + steps);
     let first = format!("{head:<under$}  {of_seed:>seed$}  {of_steps:>over$}  {metric:>value$}");
     let bold = Style::new().add_modifier(Modifier::BOLD);
@@ -88,7 +88,7 @@ fn in_columns(
     std::iter::once(Line::styled(first, bold)).chain(lines).collect()
 }
 
-/// The names of some running trials in so many columns each, with the environment where not all have the same.
+/// The names of some running trials in `room` columns each, with the environment unless all have the same.
 fn names_of(running: &[&RunningView], shown: &[&RunningView], room: usize) -> Vec<String> {
     let is_one = running
         .windows(2)
@@ -113,7 +113,7 @@ fn row(it: &RunningView, metric: &str) -> [String; 3] {
     [it.seed.to_string(), steps, value]
 }
 
-/// A bar of some columns; empty where the part is not known.
+/// A bar of this number of columns; empty if the fraction is unknown.
 pub(super) fn bar(part: Option<f64>, columns: usize) -> String {
     #[allow(
         clippy::cast_precision_loss,

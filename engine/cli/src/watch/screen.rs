@@ -20,13 +20,13 @@ use ratatui::{
 /// The part of a view that is shown.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Focus {
-    /// Which panel, counted round.
+    /// Number of the panel, taken modulo the number of panels.
     pub panel: usize,
-    /// Which metric, counted round.
+    /// Number of the metric, taken modulo the number of metrics.
     pub metric: usize,
-    /// How many running trials are passed over.
+    /// Number of running trials to skip.
     pub scroll: usize,
-    /// Whether agents have colours, and not only marks.
+    /// Whether agents have colours; without them they have marks.
     pub colours: bool,
     /// Whether keys are explained.
     pub keys: bool,
@@ -34,7 +34,7 @@ pub struct Focus {
 
 /// The smallest area in which curves can be read.
 const LEAST_CURVES: (u16, u16) = (24, 6);
-/// Columns of the bar of a study.
+/// Width of the bar of a study, in columns.
 const BAR: usize = 20;
 const KEYS: &str = "q leave   ←→ environment   m metric   ↑↓ running trials";
 
@@ -43,7 +43,7 @@ pub fn draw(frame: &mut Frame<'_>, view: &View, choice: Focus) {
     let area = frame.area();
     let head = head(view, choice, usize::from(area.width));
     let running: Vec<&RunningView> = view.studies.iter().flat_map(|study| &study.running).collect();
-    // The head comes first, then as many running trials as fit beside curves.
+    // The head comes first, then as many running trials as fit with the curves.
     let lines = |count: usize| u16::try_from(count).unwrap_or(u16::MAX);
     let keys = u16::from(choice.keys && area.height > 2);
     let free = area.height.saturating_sub(lines(head.len()) + keys);
@@ -89,9 +89,9 @@ pub fn plain(view: &View, width: u16) -> String {
     text.trim_end().to_owned()
 }
 
-/// The lines that a terminal of some size shows.
+/// The lines in a terminal of this size.
 fn drawn(view: &View, choice: Focus, (width, height): (u16, u16)) -> String {
-    // Nothing can fail in a buffer in memory.
+    // Drawing into a buffer in memory cannot fail.
     let Ok(mut terminal) = Terminal::new(TestBackend::new(width, height));
     let Ok(_) = terminal.draw(|frame| draw(frame, view, choice));
     let buffer = terminal.backend().buffer();
@@ -104,7 +104,7 @@ fn drawn(view: &View, choice: Focus, (width, height): (u16, u16)) -> String {
         .collect()
 }
 
-/// The metric that is shown; empty where none is recorded.
+/// The metric that is shown; empty if none is recorded.
 fn metric(view: &View, choice: Focus) -> &str {
     match view.metrics.as_slice() {
         [] => "",
@@ -112,7 +112,7 @@ fn metric(view: &View, choice: Focus) -> &str {
     }
 }
 
-/// Two or three lines a study, and what could not be read.
+/// Two or three lines for each study, and the files that could not be read.
 fn head(view: &View, choice: Focus, width: usize) -> Vec<Line<'static>> {
     let bold = Style::new().add_modifier(Modifier::BOLD);
     let alarm = if choice.colours {
@@ -139,7 +139,7 @@ fn head(view: &View, choice: Focus, width: usize) -> Vec<Line<'static>> {
     lines
 }
 
-/// The best of the panel that is shown, or of the first one of a study of which none is.
+/// Best agent of the shown panel if the study has it, otherwise of the study's first panel.
 fn best(view: &View, study: &StudyView, choice: Focus, width: usize) -> Option<Line<'static>> {
     let metric = metric(view, choice);
     let panels: Vec<_> = view.panels().collect();
@@ -213,7 +213,7 @@ fn chart(frame: &mut Frame<'_>, panel: &Panel, metric: &str, looks: &Looks<'_>, 
         ))
     });
     let mut lines: Vec<(bool, (Marker, Style), Vec<(f64, f64)>)> = lines.collect();
-    // Lines without a name lie below the others.
+    // Lines without a name are drawn below the others.
     lines.sort_by_key(|(is_named, ..)| *is_named);
     let datasets = lines.iter().map(|(_, (marker, style), points)| {
         let graph = if points.len() > 1 {

@@ -1,9 +1,9 @@
-//! Names of agents with their settings as short as a terminal needs them.
+//! Names of agents with their settings, shortened to the width of a terminal.
 
 use contract::sweep_point::{last_word, split_words};
 use std::{borrow::Cow, collections::BTreeSet};
 
-/// How many letters of each word of a key stay, and how many digits of a value; all where there is no number.
+/// Number of letters of each word of a key, and number of digits of a value, that are kept; `None` keeps all.
 const LEVELS: [(Option<usize>, Option<usize>); 6] = [
     (None, None),
     (None, Some(3)),
@@ -13,9 +13,9 @@ const LEVELS: [(Option<usize>, Option<usize>); 6] = [
     (Some(1), Some(3)),
 ];
 
-/// Names in `room` columns each, such as `learner rate=0.002 batch_size=16`, all shortened alike: values are
-/// rounded first, and then the words of keys become shorter, as far as different names stay different. Names that are
-/// too long even so are cut.
+/// Names in `room` columns each, such as `learner rate=0.002 batch_size=16`, all shortened alike: values are rounded
+/// first, then the words of keys become shorter, as long as different names stay different. Names that are still too
+/// long are cut.
 pub(super) fn shortened(names: &[&str], room: usize) -> Vec<String> {
     let distinct = |names: &[String]| names.iter().collect::<BTreeSet<_>>().len();
     let whole: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
@@ -34,7 +34,7 @@ pub(super) fn shortened(names: &[&str], room: usize) -> Vec<String> {
     best.into_iter().map(|name| cut(&name, room)).collect()
 }
 
-/// A text of at most `room` columns, with a sign where it was cut.
+/// A text of at most `room` columns, with an ellipsis if it was cut.
 pub(super) fn cut(text: &str, room: usize) -> String {
     if text.chars().count() <= room {
         return text.to_owned();
@@ -68,7 +68,7 @@ fn short_key(key: &str, letters: Option<usize>) -> String {
     words.join(if letters == 1 { "" } else { "_" })
 }
 
-/// A number with so many digits, in its shorter form.
+/// A number rounded to `digits` digits, in its shorter notation.
 fn short_value(value: &str, digits: Option<usize>) -> String {
     let (Some(digits), Ok(number)) = (digits, value.parse::<f64>()) else {
         return value.to_owned();

@@ -1,4 +1,4 @@
-//! Reads what a view shows. What has ended is read once; of what runs, only logs that grew.
+//! Reads the data of a view. Ended trials are read once; of running ones, only logs that grew.
 
 use super::{Curves, Left, Panel, RunningView, SeedLine, StudyView, View, metrics};
 use contract::{
@@ -27,15 +27,15 @@ pub struct Watched<'a> {
     pub name: &'a str,
     /// Its trials.
     pub trials: &'a [Arc<Trial>],
-    /// Steps of each.
+    /// Steps of each trial.
     pub costs: &'a [u64],
 }
 
-/// Looks into a store again and again.
+/// Reads a store repeatedly.
 #[derive(Debug)]
 pub struct Watcher {
     store: Store,
-    /// Worker processes, for an estimate where nothing runs.
+    /// Number of worker processes for an estimate while nothing runs.
     workers: usize,
     /// Metrics that are shown first.
     preferred: Vec<String>,
@@ -47,7 +47,7 @@ pub struct Watcher {
     logs: BTreeMap<String, Log>,
 }
 
-/// A log as it was read last.
+/// A log as of its last reading.
 #[derive(Debug, Clone, Default)]
 struct Log {
     bytes: u64,
@@ -56,7 +56,7 @@ struct Log {
     damaged: bool,
 }
 
-/// A trial of a study with what is known of it now.
+/// A trial of a study with its current state.
 struct Seen<'a> {
     trial: &'a Trial,
     cost: u64,
@@ -67,7 +67,7 @@ struct Seen<'a> {
 }
 
 impl Watcher {
-    /// A watcher of a store, which need not be there yet.
+    /// A watcher of a store, which may not exist yet.
     #[must_use]
     pub fn new(
         store: Store,
@@ -85,7 +85,7 @@ impl Watcher {
         }
     }
 
-    /// The progress at this moment; `at` is the time that is shown.
+    /// The progress at this moment; `at` is the displayed time.
     pub fn look(&mut self, studies: &[Watched<'_>], at: String) -> View {
         let somebody = !self.store.owners().is_empty();
         let studies: Vec<StudyView> = studies.iter().map(|study| self.study(study, somebody)).collect();
@@ -170,7 +170,7 @@ impl Watcher {
         seen
     }
 
-    /// Reads the curves of trials that ended well, of each once, on all cores.
+    /// Reads the curves of trials that ended `ok`, each once, on all cores.
     fn read_ended(&mut self, trials: &[Arc<Trial>], ends: &[Option<TrialEnd>], notes: &mut Vec<String>) {
         let is_new = |(trial, end): &(&Arc<Trial>, &Option<TrialEnd>)| {
             end.as_ref().is_some_and(|end| end.state == EndState::Ok) && !self.ended.contains_key(&trial.id)
@@ -194,7 +194,7 @@ impl Watcher {
         }
     }
 
-    /// Content of a trial's log; nothing where there is none.
+    /// Content of a trial's log; empty if there is none.
     fn logged(&mut self, id: &str) -> Log {
         let path = self.log_path(id);
         let Ok(bytes) = fs::metadata(&path).map(|found| found.len()) else {
@@ -222,8 +222,8 @@ impl Watcher {
     }
 }
 
-/// The mean over episodes and seats of every metric at every measurement. Where a trial was measured at its end alone,
-/// that is its one point.
+/// The mean over episodes and seats of every metric at every measurement. For a trial that was measured only at its
+/// end, that is the one point.
 fn curves(names: &[String], rows: &[Row]) -> Curves {
     let of_phase = |phase: Phase| {
         let mut sums: BTreeMap<u16, BTreeMap<u64, (f64, u32)>> = BTreeMap::new();
@@ -254,8 +254,7 @@ fn ended(seen: &[Seen<'_>]) -> BTreeMap<EndState, usize> {
     counts
 }
 
-/// The time that is left: steps that are not done, each as long as those of the agent's stored trials in the
-/// environment.
+/// The remaining time: the remaining steps, at the pace of the agent's stored trials in the environment.
 fn left(seen: &[Seen<'_>], workers: usize) -> Left {
     let paces = Paces::of_ended(seen.iter().map(|it| (&*it.trial.cell, it.cost, it.end.as_ref())));
     let (mut wall_s, mut known, mut unknown) = (0.0, false, 0);
@@ -312,7 +311,7 @@ fn panels(seen: &[Seen<'_>]) -> Vec<Panel> {
     panels
 }
 
-/// The agent with its setting, where it has one.
+/// The agent with its setting, if it has one.
 fn agent(trial: &Trial) -> String {
     if trial.cell.point.is_empty() {
         trial.cell.agent.clone()
@@ -436,7 +435,7 @@ mod tests {
         assert_eq!(lines.len(), 2);
         assert_eq!(lines[1].curves["return"], [(0, 2.0), (200, 3.0)]);
         assert!(lines[1].open && !lines[0].open);
-        // Appended lines are seen, though the rest is not read again.
+        // Appended lines are read, but earlier ones are not read again.
         drop(log);
         fs::remove_file(&path).unwrap();
         let mut log = metric_log::MetricLog::create(&path, &trials[1].id).unwrap();

@@ -1,4 +1,4 @@
-//! Blocks of a document that are written by the program: everything else in it is somebody's own text.
+//! Blocks of a document that the program writes; the rest of the document is the author's own text.
 //!
 //! ```text
 //! <!-- overview: answers chapter 2 -->
@@ -36,7 +36,7 @@ impl<'a> Block<'a> {
     }
 }
 
-/// A document with the text of each block in its place.
+/// A document with new text in each block.
 ///
 /// # Errors
 /// A block that is unknown, not closed or cannot be made, with its line, and a document without any.

@@ -1,5 +1,5 @@
-//! `overview`: what the reports of studies wrote, gathered: their answers, printed or put into a document, and one
-//! page over all of them, which `run` and `report` of several studies write, too.
+//! `overview`: gathers what reports of studies wrote. It prints their answers or puts them into a document, and writes
+//! one page over all of them, as `run` and `report` of several studies also do.
 
 mod blocks;
 
@@ -15,24 +15,24 @@ use study::way;
 /// The options of `overview`.
 #[derive(Debug, clap::Args)]
 pub(super) struct OverviewOptions {
-    /// Folder with the folders of results in it.
+    /// Folder that contains the folders of results.
     #[arg(value_name = "DIR")]
     folder: PathBuf,
-    /// Document whose blocks are written anew: what stands between `<!-- overview: summary -->`, `<!-- overview:
-    /// families -->`, `<!-- overview: items -->` or `<!-- overview: answers FAMILY -->` and `<!-- overview: end -->`.
+    /// Document whose blocks are written again: the text between `<!-- overview: summary -->`, `<!-- overview: families
+    /// -->`, `<!-- overview: items -->` or `<!-- overview: answers FAMILY -->` and `<!-- overview: end -->`.
     #[arg(long, value_name = "FILE")]
     into: Option<PathBuf>,
-    /// Write one page over all studies, too: `index.html` in that folder.
+    /// Also write one page over all studies: `index.html` in that folder.
     #[arg(long)]
     page: bool,
-    /// Print what is judged and open instead, what is cheapest to decide first, with about how many fresh seeds
-    /// and how much time would decide it.
+    /// Print open verdicts instead, the cheapest to decide first, with the approximate number of fresh seeds and the
+    /// time that would decide them.
     #[arg(long, conflicts_with = "into")]
     open: bool,
 }
 
-/// Prints what the studies whose results lie in a folder found, or what they leave open, or writes the blocks of a
-/// document anew; writes the page of all studies where it is asked for.
+/// Prints the answers or the open verdicts of the studies whose results lie in a folder, or writes the blocks of a
+/// document again; also writes the page of all studies if it was requested.
 pub(super) fn overview(options: &OverviewOptions, common: &Common) -> Result<Exit, Failure> {
     if !fs::is_folder(&options.folder) {
         let folder = options.folder.display();
@@ -57,7 +57,7 @@ pub(super) fn overview(options: &OverviewOptions, common: &Common) -> Result<Exi
     Ok(Exit::Ok)
 }
 
-/// Writes the blocks of a document anew.
+/// Writes the blocks of a document again.
 fn put_into(path: &Path, studies: &[Studied]) -> Result<(), Failure> {
     let text = fs::read_to_string(path).map_err(Error::file("read", path))?;
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -90,7 +90,7 @@ fn put_into(path: &Path, studies: &[Studied]) -> Result<(), Failure> {
     Ok(write_durably(path, written.as_bytes())?)
 }
 
-/// Studies with the way to a file of each.
+/// Studies, each with the path to one of its files.
 fn ways<'a>(studies: &'a [Studied], way: &dyn Fn(&Studied) -> PathBuf) -> Vec<(String, &'a Verdicts)> {
     let with = |it: &'a Studied| (way(it).display().to_string(), &it.verdicts);
     studies.iter().map(with).collect()
@@ -132,7 +132,7 @@ fn verdicts_of(studies: Vec<Studied>) -> Vec<Verdicts> {
     studies.into_iter().map(|it| it.verdicts).collect()
 }
 
-/// The same; refused where there is none.
+/// The studies in a folder; an error if there is none.
 fn some_studies(folder: &Path) -> Result<Vec<Studied>, Failure> {
     let studies = studies_within(folder)?;
     if studies.is_empty() {
