@@ -4,15 +4,15 @@ use plan::cuda::Batch;
 use plan::executor::Lost;
 use std::ops::Range;
 
-/// Memory of states, by cohort and member, and the runs of routines on them. One thread uses it.
+/// Memory of states, by cohort and member, and the runs of routines on them. A backend is used by one thread.
 pub trait Backend {
-    /// Provides for `n_members` states of `state_size` entries; states that are there stay.
+    /// Provides memory for `n_members` states of `state_size` entries; existing states stay.
     ///
     /// # Errors
-    /// [`Lost`] where memory is short.
+    /// [`Lost`] if there is too little memory.
     fn reserve(&mut self, cohort: usize, state_size: usize, n_members: usize) -> Result<(), Lost>;
 
-    /// Writes entries of a member's state from a first one on.
+    /// Writes entries of a member's state, starting at entry `first`.
     ///
     /// # Errors
     /// [`Lost`] where the device fails.
@@ -30,7 +30,7 @@ pub trait Backend {
     /// [`Lost`] where the device fails or memory is short.
     fn start(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<(), Lost>;
 
-    /// Waits for the batch that was begun first of those that run, at most two; returns the outputs of each run.
+    /// Waits for the oldest running batch, of at most two; returns the outputs of each run.
     ///
     /// # Errors
     /// [`Lost`] where the device fails.

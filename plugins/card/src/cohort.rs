@@ -1,5 +1,5 @@
-//! Members whose states have one shape. A tensor lies at the same place in the state of each, and room for its moments
-//! behind it.
+//! Members whose states have one shape. A tensor lies at the same offset in the state of each member, followed by space
+//! for its moments.
 
 use plan::Shape;
 use plan::cuda::Kernels;
@@ -10,7 +10,7 @@ use std::ops::Range;
 /// Tensors begin at multiples of this number of entries, 128 bytes.
 const ALIGNMENT: usize = 32;
 
-/// The moments of a parameter, by the ends of their names.
+/// Suffixes of the names of a parameter's moments.
 const MOMENTS: [&str; 2] = [".first", ".second"];
 
 /// Members whose states have one shape.
@@ -19,7 +19,7 @@ pub struct Cohort {
     parameters: Vec<(String, Shape)>,
     places: BTreeMap<String, Range<usize>>,
     state_size: usize,
-    /// Members that have left.
+    /// Numbers of members that have left.
     free: Vec<u32>,
     n_members: u32,
 }
@@ -46,13 +46,13 @@ impl Cohort {
         }
     }
 
-    /// Whether states with these tensors belong to it. Moments may be there or not.
+    /// Whether states with these tensors belong to it. Moments may be present or absent.
     #[must_use]
     pub fn takes(&self, tensors: &[(String, Shape)]) -> bool {
         parameters(tensors) == self.parameters
     }
 
-    /// A new member's number, the lowest that is free or one more than all.
+    /// A new member's number: the lowest free one, or one more than the largest.
     pub fn admit(&mut self) -> u32 {
         self.free.pop().unwrap_or_else(|| {
             self.n_members += 1;
@@ -60,7 +60,7 @@ impl Cohort {
         })
     }
 
-    /// Frees the place of a member.
+    /// Frees the number of a member.
     pub fn dismiss(&mut self, member: u32) {
         self.free.push(member);
         self.free.sort_unstable_by(|a, b| b.cmp(a));
@@ -72,13 +72,13 @@ impl Cohort {
         self.state_size
     }
 
-    /// Members that are there.
+    /// Number of present members.
     #[must_use]
     pub fn n_members(&self) -> usize {
         self.n_members as usize - self.free.len()
     }
 
-    /// Members that have a place, those that have left included.
+    /// Number of members with a place, including those that have left.
     #[must_use]
     pub fn n_places(&self) -> usize {
         self.n_members as usize
@@ -87,7 +87,7 @@ impl Cohort {
     /// Entries of a tensor in a member's state.
     ///
     /// # Errors
-    /// [`Lost`] where no state of the cohort has it.
+    /// [`Lost`] if no state of the cohort has it.
     pub fn tensor(&self, name: &str) -> Result<Range<usize>, Lost> {
         let found = self.places.get(name).cloned();
         found.ok_or_else(|| Lost {
@@ -98,7 +98,7 @@ impl Cohort {
     /// First entry of each tensor of a routine.
     ///
     /// # Errors
-    /// [`Lost`] where no state of the cohort has it.
+    /// [`Lost`] if no state of the cohort has it.
     pub fn tensors(&self, kernels: &Kernels) -> Result<Vec<u32>, Lost> {
         let first = |name: &str| {
             let first = self.tensor(name)?.start;
@@ -110,7 +110,7 @@ impl Cohort {
     }
 }
 
-/// All tensors but the moments of others, by name.
+/// All tensors by name, without the moments of others.
 fn parameters(tensors: &[(String, Shape)]) -> Vec<(String, Shape)> {
     let is_there = |name: &str| tensors.iter().any(|(other, _)| other == name);
     let is_moment = |name: &str| {

@@ -1,4 +1,4 @@
-//! NVIDIA's compiler NVRTC, which is loaded when it is needed.
+//! NVIDIA's compiler NVRTC, which is loaded on first use.
 
 #![allow(unsafe_code, reason = "a library is loaded")]
 
@@ -19,7 +19,7 @@ pub fn has_compiler() -> bool {
 /// Compiles kernels to PTX. No card is needed.
 ///
 /// # Errors
-/// A sentence that says why they cannot be compiled.
+/// A sentence with the reason why they cannot be compiled.
 pub fn compile(kernels: &Kernels) -> Result<Ptx, Lost> {
     if !has_compiler() {
         let reason = "the compiler for the card is missing: the library libnvrtc is not found; the Python package \
@@ -29,7 +29,7 @@ pub fn compile(kernels: &Kernels) -> Result<Ptx, Lost> {
         });
     }
     let options = CompileOptions {
-        // No sum is contracted to a fused multiply-add, and division and root are those of IEEE 754.
+        // Sums are not contracted to fused multiply-adds, and division and root follow IEEE 754.
         fmad: Some(false),
         prec_div: Some(true),
         prec_sqrt: Some(true),

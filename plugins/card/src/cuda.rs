@@ -1,4 +1,4 @@
-//! NVIDIA's cards, by their driver, which is loaded when it is needed.
+//! NVIDIA's cards, used through their driver, which is loaded on first use.
 
 #![allow(unsafe_code, reason = "the card computes on addresses")]
 
@@ -15,7 +15,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Oldest version of the driver's interface that the program knows.
+/// Oldest supported version of the driver's interface.
 const OLDEST_DRIVER: i32 = 12000;
 
 /// Arguments of a kernel: `Population` of `population.cuh`, with addresses on the card and sizes in entries.
@@ -46,10 +46,10 @@ pub struct Card {
     /// States of each cohort, and their size.
     states: BTreeMap<usize, (usize, CudaSlice<f32>)>,
     routines: BTreeMap<usize, LoadedRoutine>,
-    /// Values of the routine that runs.
+    /// Values of the running routine.
     values: Option<CudaSlice<f32>>,
     flights: VecDeque<Flight>,
-    /// Buffers of the next batch.
+    /// Index of the buffers of the next batch.
     turn: usize,
 }
 
@@ -57,14 +57,14 @@ pub struct Card {
 struct LoadedRoutine {
     waves: Vec<(CudaFunction, u32)>,
     constants: CudaSlice<f32>,
-    /// Memory of the batches that run, which take turns.
+    /// Memory of the running batches, which alternate.
     buffers: [Option<Buffers>; 2],
     /// Recorded launches by cohort, buffers and number of runs, with the arguments that they hold.
     graphs: BTreeMap<(usize, usize, u32), (Arguments, CudaGraph)>,
 }
 
 impl LoadedRoutine {
-    /// Launches all kernels, which are recorded where a launch with these arguments is not yet.
+    /// Launches all kernels as one graph, which is recorded first if there is none with these arguments.
     fn launch(
         &mut self,
         stream: &Arc<CudaStream>,
@@ -79,7 +79,7 @@ impl LoadedRoutine {
     }
 }
 
-/// Memory for a number of runs, on the card and, where it is copied, here.
+/// Memory for a number of runs, on the card and, for what is copied, on the host.
 struct Buffers {
     n_runs: usize,
     inputs: CudaSlice<f32>,
@@ -92,7 +92,7 @@ struct Buffers {
 }
 
 impl Buffers {
-    /// Arguments of a batch whose states, other values and constants have these addresses.
+    /// Arguments of a batch, with the addresses of its states, other values and constants.
     fn arguments(
         &self,
         stream: &Arc<CudaStream>,
@@ -120,7 +120,7 @@ impl Buffers {
         }
     }
 
-    /// Brings members, words and inputs of a batch to the card.
+    /// Copies members, words and inputs of a batch to the card.
     fn upload(&mut self, stream: &Arc<CudaStream>, batch: &Batch<'_>) -> Result<(), Lost> {
         let members = std::iter::once(word(batch.members.len())).chain(batch.members.iter().copied());
         let members: Vec<u32> = members.collect();
@@ -146,11 +146,11 @@ impl Buffers {
     }
 }
 
-/// A batch that runs.
+/// A running batch.
 struct Flight {
     routine: usize,
     turn: usize,
-    /// Entries of its outputs.
+    /// Number of entries of its outputs.
     length: usize,
     done: CudaEvent,
 }
@@ -185,7 +185,7 @@ impl Card {
     /// Opens a card by its number.
     ///
     /// # Errors
-    /// A sentence that says what the machine lacks.
+    /// A sentence that names what the machine lacks.
     pub fn open(number: usize) -> Result<Self, Lost> {
         // SAFETY: the function opens the library and closes it again, and no thread uses it in between.
         if !unsafe { cudarc::driver::sys::is_culib_present() } {
@@ -205,7 +205,7 @@ impl Card {
             let reason = format!("the driver is too old: it knows CUDA {found}, and {oldest} is needed");
             return Err(Lost { reason });
         }
-        // SAFETY: one thread uses one stream, in which everything has its order.
+        // SAFETY: one thread uses one stream, so all work is in order.
         unsafe { context.disable_event_tracking() };
         let stream = context.new_stream().map_err(lost)?;
         Ok(Self {
@@ -221,14 +221,14 @@ impl Card {
     /// Name and memory of the card, in words.
     ///
     /// # Errors
-    /// [`Lost`] where the driver does not say.
+    /// [`Lost`] if the driver fails.
     pub fn in_words(&self) -> Result<String, Lost> {
         let context = self.stream.context();
         let (name, bytes) = (context.name().map_err(lost)?, context.total_mem().map_err(lost)?);
         Ok(format!("{name} with {} GiB", bytes >> 30))
     }
 
-    /// Zeros; at least one, since the driver gives no memory of no bytes.
+    /// Zeros; at least one, since the driver allocates no empty memory.
     fn zeros<T: DeviceRepr + ValidAsZeroBits>(&self, length: usize) -> Result<CudaSlice<T>, Lost> {
         self.stream.alloc_zeros(length.max(1)).map_err(lost)
     }
@@ -280,7 +280,7 @@ impl Card {
             tensors: self.zeros(kernels.tensors.len())?,
             members: self.zeros(1 + n_runs)?,
             runs: self.zeros(n_runs * kernels.run_size())?,
-            // Such memory is fast to write and slow to read here.
+            // Such memory is fast to write and slow to read on the host.
             inputs_here: pinned(inputs, CU_MEMHOSTALLOC_WRITECOMBINED)?,
             outputs_here: pinned(outputs, 0)?,
         })
@@ -299,7 +299,7 @@ impl Card {
         }
         let length = n_runs * kernels.value_size;
         if self.values.as_ref().is_none_or(|values| values.len() < length) {
-            // The old memory is free, for the batch that runs too, before the new one is taken.
+            // The old memory must be free, including for the running batch, before new memory is allocated.
             self.stream.synchronize().map_err(lost)?;
             self.values = None;
             self.values = Some(self.zeros(length)?);
@@ -307,7 +307,8 @@ impl Card {
         Ok(())
     }
 
-    /// Has the outputs of the batch that was launched last, so many entries, copied here, and notes it as one that runs.
+    /// Has the outputs of the last launched batch, `length` entries, copied to the host, and adds it to the running
+    /// ones.
     fn follow(&mut self, routine: usize, length: usize) -> Result<(), Lost> {
         let turn = self.turn;
         let loaded = self.routines.get_mut(&routine);
@@ -338,7 +339,7 @@ impl Card {
     }
 }
 
-/// A number of blocks, members or entries, all of which are below 2^32 on any card.
+/// A number of blocks, members or entries; all are below 2^32 on any card.
 fn word(n: usize) -> u32 {
     u32::try_from(n).unwrap_or(u32::MAX)
 }
@@ -378,14 +379,15 @@ impl Backend for Card {
     }
 
     fn start(&mut self, cohort: usize, routine: usize, batch: &Batch<'_>) -> Result<(), Lost> {
-        // Few numbers of runs have launches of their own; blocks of places without a run end at once.
+        // Rounding limits the numbers of runs that need launches of their own; blocks of places without a run end
+        // immediately.
         let n_runs = batch.members.len().next_power_of_two();
         self.provide(routine, batch.kernels, n_runs)?;
         let (stream, turn) = (Arc::clone(&self.stream), self.turn);
         let states = self.state(cohort)?.1.device_ptr(&stream).0;
         let values = self.values.as_ref();
         let values = values.map_or(0, |values| values.device_ptr(&stream).0);
-        // `provide` has brought both.
+        // `provide` has loaded both.
         let Some(loaded) = self.routines.get_mut(&routine) else {
             unreachable!("routine {routine} is not loaded")
         };

@@ -1,4 +1,4 @@
-//! The card as a device of the engine: the process that drives it, and the workers that ask.
+//! The card as a device of the engine: the process that drives it, and the workers that send requests.
 
 use crate::backend::Backend;
 use crate::cuda::Card;
@@ -30,10 +30,10 @@ pub fn register(registry: &mut Registry) {
     });
 }
 
-/// Opens a backend, which says what it is, and answers the workers that come to a new socket.
+/// Opens a backend, which describes itself, and serves the workers that connect to a new socket.
 ///
 /// # Errors
-/// A sentence that says what the machine lacks.
+/// A sentence that names what the machine lacks.
 pub fn serve_population<B: Backend>(
     ready: &mut dyn FnMut(Opened),
     open: impl FnOnce(&Sender<String>) -> Result<B, Lost> + Send + 'static,
@@ -54,7 +54,7 @@ pub fn serve_population<B: Backend>(
 /// A path in a new folder that no other user can enter.
 fn new_socket() -> Result<PathBuf, std::io::Error> {
     let folder = std::env::temp_dir().join(format!("regimen-card-{}", std::process::id()));
-    // Of an earlier process of this number, where it is there.
+    // An earlier process with this number may have left the folder.
     let _ = std::fs::remove_dir_all(&folder);
     std::fs::DirBuilder::new().mode(0o700).create(&folder)?;
     Ok(folder.join("socket"))
@@ -63,7 +63,7 @@ fn new_socket() -> Result<PathBuf, std::io::Error> {
 /// A worker's connection to the process of the device.
 ///
 /// # Errors
-/// A sentence where nobody answers there.
+/// A sentence if no process answers there.
 pub fn connect(socket: &Path) -> Result<Box<dyn Device>, String> {
     let remote = Remote::new(socket);
     let remote =

@@ -1,9 +1,9 @@
-//! Populations of learners on a graphics card: the learners of hundreds of trials train at once, each with the bits of
-//! a trial alone on a core.
+//! Populations of learners on a graphics card: the learners of hundreds of trials train at once, each with the same
+//! bits as a trial alone on a core.
 //!
-//! One process drives the card. Every trial keeps a process of its own, with its environment, its replay memory and
-//! its limits, and asks the first one to run the routines of its learners. Requests for one routine that wait at the
-//! same time become one batch. No bit depends on the batch.
+//! One process drives the card. Every trial has its own process, with its environment, its replay memory and its
+//! limits, and asks the first process to run the routines of its learners. Waiting requests for the same routine become
+//! one batch. No bit depends on the batch.
 //!
 //! | module | contents |
 //! |---|---|

@@ -1,4 +1,4 @@
-//! A processor that runs the text of the kernels, for tests of everything but the card itself.
+//! A processor that runs the text of the kernels. Tests of everything but the card itself use it.
 
 use crate::backend::Backend;
 use plan::cuda::Batch;
@@ -16,12 +16,12 @@ pub struct LiteralProcessor {
     programs: BTreeMap<usize, Literal>,
     /// States of each cohort, and their size.
     states: BTreeMap<usize, (usize, Vec<f32>)>,
-    /// Outputs of batches that nobody has waited for.
+    /// Outputs of batches that were not waited for yet.
     outputs: VecDeque<Vec<f32>>,
 }
 
 impl LiteralProcessor {
-    /// A processor whose programs lie in a folder that is there.
+    /// A processor with its programs in an existing folder.
     #[must_use]
     pub fn new(folder: PathBuf) -> Self {
         Self {
@@ -48,7 +48,7 @@ impl Backend for LiteralProcessor {
     fn reserve(&mut self, cohort: usize, state_size: usize, n_members: usize) -> Result<(), Lost> {
         let (size, states) = self.states.entry(cohort).or_default();
         *size = state_size;
-        // No result may depend on entries that nobody has written.
+        // Results must not depend on unwritten entries, so these get an extreme value.
         states.resize(n_members * state_size, f32::MAX);
         Ok(())
     }
@@ -75,7 +75,7 @@ impl Backend for LiteralProcessor {
     }
 
     fn finish(&mut self) -> Result<Vec<f32>, Lost> {
-        // A batch was begun before.
+        // A batch is begun before it is finished.
         Ok(self.outputs.pop_front().unwrap_or_default())
     }
 }

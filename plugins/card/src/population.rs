@@ -1,5 +1,6 @@
-//! The thread that owns the device: it answers requests of members, and makes a batch of the runs of one routine that
-//! wait, at most half of a cohort. While the device computes for one half, the environments of the other go on.
+//! The thread that owns the device. It answers requests of members, and makes a batch of the waiting runs of one
+//! routine, at most half of a cohort. While the device computes for one half, the environments of the other half
+//! continue.
 
 use crate::backend::Backend;
 use crate::cohort::Cohort;
@@ -47,7 +48,7 @@ impl Population {
     /// Opens a device in a thread of its own, which ends with the last copy of the population and the last member.
     ///
     /// # Errors
-    /// That of `open`.
+    /// The error of `open`.
     pub fn new<B: Backend>(open: impl FnOnce() -> Result<B, Lost> + Send + 'static) -> Result<Self, Lost> {
         let (requests, received) = channel();
         let (opened, is_open) = channel();
@@ -101,7 +102,7 @@ struct Admitted {
 
 impl Drop for Admitted {
     fn drop(&mut self) {
-        // A thread that has ended holds no member.
+        // If the thread has ended, it holds no member.
         let _ = self.requests.send(Request::Dismiss(self.place));
     }
 }
@@ -132,20 +133,21 @@ impl Member for Admitted {
     }
 }
 
-/// Members of a cohort below which all may be in one batch.
+/// Size of a cohort below which all its members may be in one batch.
 const SMALLEST_HALF: usize = 8;
 
-/// Batches that run at most: the device begins the next one at once, while outputs of the last one are told.
+/// Maximum number of running batches: the device begins the next one immediately, while outputs of the last one are
+/// sent.
 const MOST_FLIGHTS: usize = 2;
 
-/// The device with its members, the runs that wait, and those in flight.
+/// The device with its members, the waiting runs, and those of running batches.
 struct Desk<B> {
     backend: B,
     cohorts: Vec<Cohort>,
     routines: Vec<Arc<Kernels>>,
-    /// Runs by the place of their routine.
+    /// Waiting runs, each with the index of its routine.
     waiting: VecDeque<(usize, Run)>,
-    /// Runs of batches that the device has begun, with the place of their routine.
+    /// Runs of batches that the device has begun, with the index of their routine.
     flights: VecDeque<(usize, Vec<Run>)>,
 }
 
@@ -160,7 +162,7 @@ impl<B: Backend> Desk<B> {
         }
     }
 
-    /// Answers requests until nobody can ask any more.
+    /// Answers requests until no sender is left.
     fn work(&mut self, received: &Receiver<Request>) {
         loop {
             if self.waiting.is_empty() && self.flights.is_empty() {
@@ -184,13 +186,13 @@ impl<B: Backend> Desk<B> {
         first.map(|(routine, run)| (*routine, run.place.cohort))
     }
 
-    /// Most members of a batch: half of the cohort, so that the environments of one half go on while the device
-    /// computes for the other.
+    /// Maximum number of members in a batch: half of the cohort, so that the environments of one half continue while
+    /// the device computes for the other.
     fn largest_batch(&self, cohort: usize) -> usize {
         self.cohorts[cohort].n_members().div_ceil(2).max(SMALLEST_HALF)
     }
 
-    /// Takes further requests, until the batch is full or none comes in time.
+    /// Takes further requests, until the batch is full or no request arrives in time.
     fn gather(&mut self, received: &Receiver<Request>, routine: usize, cohort: usize) {
         let (is_it, most) = (of_batch(routine, cohort), self.largest_batch(cohort));
         while self.waiting.iter().filter(|run| is_it(run)).count()
@@ -204,7 +206,7 @@ impl<B: Backend> Desk<B> {
     }
 
     fn take(&mut self, request: Request) {
-        // A member that is gone waits for no answer.
+        // A member that is gone does not wait for an answer.
         match request {
             Request::Admit(tensors, answer) => {
                 let _ = answer.send(self.admit(&tensors));
@@ -252,7 +254,7 @@ impl<B: Backend> Desk<B> {
         })
     }
 
-    /// Begins a batch of runs that wait for a routine and belong to a cohort, in the order in which they came.
+    /// Begins a batch of waiting runs of a routine and a cohort, in the order of their arrival.
     fn start(&mut self, routine: usize, cohort: usize) {
         let (is_it, most) = (of_batch(routine, cohort), self.largest_batch(cohort));
         let (mut batch, mut others) = (Vec::new(), VecDeque::new());
@@ -286,7 +288,7 @@ impl<B: Backend> Desk<B> {
         self.backend.start(cohort, routine, &batch)
     }
 
-    /// Waits for the batch that was begun first, and tells its outputs.
+    /// Waits for the oldest running batch, and sends its outputs.
     fn finish(&mut self) {
         if let Some((routine, batch)) = self.flights.pop_front() {
             let outputs = self.backend.finish();
@@ -299,12 +301,12 @@ impl<B: Backend> Desk<B> {
     }
 }
 
-/// Whether a run that waits is of a routine and a cohort.
+/// Whether a waiting run belongs to a routine and a cohort.
 fn of_batch(routine: usize, cohort: usize) -> impl Fn(&(usize, Run)) -> bool {
     move |(of, run)| *of == routine && run.place.cohort == cohort
 }
 
-/// Answers the runs of a batch. A member that is gone waits for no answer.
+/// Answers the runs of a batch. A member that is gone does not wait for an answer.
 fn tell(batch: Vec<Run>, result: impl Fn(usize) -> Result<Vec<f32>, Lost>) {
     for (at, run) in batch.into_iter().enumerate() {
         let _ = run.answer.send(result(at));

@@ -1,8 +1,8 @@
-//! Requests of other processes, over a socket of the file system.
+//! Requests of other processes, over a Unix socket.
 //!
 //! A message is a kind, the number of a member, the length of its content in bytes, and the content. A reply is 0 or 1,
-//! the length of its content, and the content: the result, or the sentence of [`Lost`]. Numbers are 32 bits, of the
-//! machine's own order: both ends run on one machine.
+//! the length of its content, and the content: the result, or the sentence of [`Lost`]. Numbers have 32 bits in the
+//! machine's byte order, since both ends run on one machine.
 
 use bytemuck::{Pod, cast_slice, cast_slice_mut};
 use plan::Shape;
@@ -21,10 +21,10 @@ const READ: u32 = 4;
 const LOAD: u32 = 5;
 const RUN: u32 = 6;
 
-/// Answers the processes that come to a socket; each has a thread.
+/// Serves the processes that connect to a socket, each in a thread.
 ///
 /// # Errors
-/// [`Error`] where nobody can come any more.
+/// [`Error`] if no process can connect any more.
 pub fn serve(listener: &UnixListener, executor: &Arc<dyn Executor>) -> Result<(), Error> {
     for stream in listener.incoming() {
         let mut guest = Guest {
@@ -33,13 +33,13 @@ pub fn serve(listener: &UnixListener, executor: &Arc<dyn Executor>) -> Result<()
             members: BTreeMap::new(),
             routines: Vec::new(),
         };
-        // A process that has ended takes its members with it.
+        // The members of a process end with it.
         std::thread::spawn(move || while guest.answer().is_ok() {});
     }
     Ok(())
 }
 
-/// One process that asks.
+/// A connected process.
 struct Guest {
     stream: UnixStream,
     executor: Arc<dyn Executor>,
@@ -110,7 +110,7 @@ fn unknown(member: u32) -> Lost {
     }
 }
 
-/// A name behind its length, and the rest.
+/// A name after its length, and the rest.
 fn named(content: &[u8]) -> Result<(&str, &[u8]), Lost> {
     let split = content.split_first_chunk::<4>().and_then(|(length, rest)| {
         let (name, rest) = rest.split_at_checked(u32::from_ne_bytes(*length) as usize)?;
@@ -129,7 +129,7 @@ pub struct Remote {
 #[derive(Debug)]
 struct Line {
     stream: UnixStream,
-    /// Routines that it knows, by their number there.
+    /// Routines known to the other process, by their number there.
     routines: Vec<Arc<Kernels>>,
     /// Members so far.
     n_members: u32,
@@ -139,7 +139,7 @@ impl Remote {
     /// Connects to a socket.
     ///
     /// # Errors
-    /// [`Error`] where nobody answers there.
+    /// [`Error`] if no process answers there.
     pub fn new(socket: &Path) -> Result<Self, Error> {
         let line = Line {
             stream: UnixStream::connect(socket)?,
@@ -217,7 +217,7 @@ struct RemoteMember {
 
 impl Drop for RemoteMember {
     fn drop(&mut self) {
-        // A process that has ended holds no member.
+        // If the process has ended, it holds no member.
         let _ = open(&self.line).ask(DISMISS, self.member, &[]);
     }
 }
@@ -244,7 +244,7 @@ impl Member for RemoteMember {
     }
 }
 
-/// Numbers of 4 bytes; bytes behind the last whole one are left out.
+/// Numbers of 4 bytes; an incomplete last one is left out.
 fn numbers<T: Pod>(bytes: &[u8]) -> Vec<T> {
     let mut numbers = vec![T::zeroed(); bytes.len() / size_of::<T>()];
     let whole = size_of_val(&*numbers);
@@ -272,7 +272,7 @@ fn read_bytes(stream: &mut UnixStream, length: u32) -> Result<Vec<u8>, Error> {
     Ok(bytes)
 }
 
-/// Writes a message at once: pieces would wake the other side several times.
+/// Writes a message in one call, since pieces would wake the other side several times.
 fn write_message(stream: &mut UnixStream, words: &[u32], contents: &[&[u8]]) -> Result<(), Error> {
     let message = [&[cast_slice(words)], contents].concat().concat();
     stream.write_all(&message)

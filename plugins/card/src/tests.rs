@@ -1,4 +1,4 @@
-//! Members that train at once, in threads and over a socket, against the processor.
+//! Members that train at once, in threads and over a socket, compared with the processor.
 
 use crate::backend::Backend;
 use crate::cohort::Cohort;
@@ -21,7 +21,7 @@ mod skipped;
 
 const N_MEMBERS: u64 = 5;
 
-/// A plan that learns, with clipping and draws, and one that only acts.
+/// A plan with learning, clipping and random draws, and one that only acts.
 fn plan() -> Graph {
     let equations = Equations::new();
     let (seen, wanted) = (
@@ -60,7 +60,7 @@ fn state(member: u64) -> State<f32> {
     state
 }
 
-/// All bits that a member comes to: losses, actions, and its state.
+/// All bits of a member's results: losses, actions, and its state.
 fn trained(member: u64) -> Vec<u32> {
     let (mut processor, mut state) = (Processor::<f32>::new(plan()), state(member));
     let mut found = Vec::new();
@@ -74,11 +74,11 @@ fn trained(member: u64) -> Vec<u32> {
             found.extend_from_slice(processor.entries("action"));
         }
         if step == 3 {
-            // A tensor that is changed here goes back to the member.
+            // A tensor that is changed here is written back to the member.
             state.entries_mut("network.3")[0] = 0.25;
         }
     }
-    // A copy is a state of its own, which becomes a further member.
+    // A copy is a state of its own, which becomes another member.
     let mut copy = state.clone();
     processor.run_seeded("learn", &mut copy, 1);
     processor.run_seeded("learn", &mut state, 2);
@@ -103,7 +103,7 @@ fn at_once(executor: impl Fn() -> Arc<dyn Executor> + Sync) -> Vec<Vec<u32>> {
     })
 }
 
-/// A backend that notes the sizes of its batches, and fails after a number of them.
+/// A backend that records the sizes of its batches, and fails after a number of them.
 struct Noted {
     backend: LiteralProcessor,
     sizes: Arc<Mutex<Vec<usize>>>,
@@ -231,7 +231,7 @@ fn kernels_compile_for_a_card() {
         for wave in &kernels.waves {
             assert!(text.contains(&format!(".entry {}(", wave.name)), "{}", wave.name);
         }
-        // Neither sums nor roots and quotients are approximated.
+        // Sums, roots and quotients are not approximated.
         for word in ["fma.rn.ftz", "div.approx", "sqrt.approx", "div.full"] {
             assert!(!text.contains(word), "`{word}` in `{routine}`");
         }

@@ -63,8 +63,8 @@ pub struct ProgramConfig {
     #[schemars(extend("x-identity" = false))]
     #[serde(skip_serializing_if = "is_usual")]
     pub needs: Needs,
-    /// The program that runs in place of the first word: one on the path, or a location such as
-    /// `.venv/bin/python`; empty for the first word itself. Not part of a trial's id.
+    /// The program that replaces the first word: one on the path, or a location such as `.venv/bin/python`; empty for
+    /// the first word itself. Not part of a trial's id.
     #[schemars(extend("x-identity" = false))]
     pub interpreter: String,
 }
@@ -237,7 +237,7 @@ impl LeftFiles {
     }
 }
 
-/// Signal to end a program, and the time that it has.
+/// Signal to end a program, and its time to end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct StopRequest {

@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 const LONGEST: usize = 1 << 20;
 /// Most other keys that are kept for a message.
 const MOST_KEYS: usize = 100;
-/// The key of the step where a study names none.
+/// The key of the step if a study names none.
 const STEP: &str = "step";
 /// Key of a noted line for the position in the output at which the line ends.
 pub const AT: &str = "regimen_at";
@@ -20,7 +20,7 @@ pub const AT: &str = "regimen_at";
 /// Splits bytes into lines; a carriage return ends one too, as progress bars write it.
 #[derive(Debug, Default)]
 pub struct Lines {
-    /// Position in the output behind the bytes so far.
+    /// Position in the output after the bytes so far.
     at: u64,
     begun: Vec<u8>,
     is_passed_over: bool,
@@ -37,7 +37,7 @@ impl Lines {
         }
     }
 
-    /// Position in the output behind the bytes so far.
+    /// Position in the output after the bytes so far.
     pub fn at(&self) -> u64 {
         self.at
     }
@@ -57,7 +57,7 @@ impl Lines {
         }
     }
 
-    /// The last line, which has no end.
+    /// Passes on the last line, which has no line end.
     pub fn end(&mut self, line: &mut dyn FnMut(&str, u64)) {
         let text = String::from_utf8_lossy(&self.begun);
         let text = text.trim();

@@ -1,7 +1,7 @@
 //! Metrics of a program, read from its output and files while it runs and when it has ended.
 //!
-//! A file is read as a whole whenever it changed, but not more often than its reading is cheap. Until the
-//! program has ended, a file may be incomplete: problems count at the last reading only.
+//! A file is read as a whole whenever it changed, but the more rarely the longer its reading takes. Until the program
+//! has ended, a file may be incomplete: problems count at the last reading only.
 
 use crate::{
     ProgramConfig,
@@ -89,8 +89,8 @@ impl Metrics {
         }
     }
 
-    /// Marks that the program continues from a checkpoint: rows behind the lines that its files have now
-    /// replace earlier rows at the same and later steps.
+    /// Marks that the program continues from a checkpoint: rows after the lines that its files have now replace earlier
+    /// rows at the same and later steps.
     ///
     /// # Errors
     /// [`Error::File`] where the mark cannot be written.
@@ -374,7 +374,7 @@ mod tests {
         assert!(told.contains("line 4"), "{told}");
     }
 
-    /// A program that is killed behind a row that its checkpoint does not cover writes it again.
+    /// A program that is killed after a row that its checkpoint does not cover writes the row again.
     #[test]
     fn rows_of_a_table_that_stand_twice_behind_each_other_count_once() {
         let folder = tempfile::tempdir().unwrap();

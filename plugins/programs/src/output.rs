@@ -1,9 +1,8 @@
-//! The output of a program: lines with metrics are noted as they are written, and its beginning and end are
-//! kept.
+//! The output of a program: lines with metrics are noted as they are written, and its beginning and end are kept.
 //!
-//! The program writes into files, `stdout.raw` and `stderr.raw`, so that no output is lost when a process is
-//! killed. They are read as they grow; the parts that were read are given back to the disk. Each noted line
-//! holds the position at which it ends in its file: reading continues behind the last one.
+//! The program writes into files, `stdout.raw` and `stderr.raw`, so that no output is lost when a process is killed.
+//! They are read as they grow, and the disk space of parts that were read is released. Each noted line holds the
+//! position of its end in its file; reading continues after the last one.
 
 use crate::lines::{AT, Filter, Lines};
 use contract::Error;
@@ -22,7 +21,7 @@ pub const STREAMS: [&str; 2] = ["stdout", "stderr"];
 pub const LOG: &str = "log";
 /// Length of the beginning of the output that is kept, and of its end, bytes.
 const KEPT: usize = 1 << 20;
-/// Length of a file's read part before it is given back to the disk, bytes.
+/// Length of a file's read part before its disk space is released, bytes.
 const READ: u64 = 1 << 24;
 /// Length of the end of standard error in an error message, bytes.
 const LAST_WORDS: usize = 2000;
@@ -76,7 +75,7 @@ struct CapturedOutput {
 }
 
 impl OutputReader {
-    /// Reads both streams, each through its filter, from behind the lines noted before.
+    /// Reads both streams, each through its filter, starting after the lines noted before.
     ///
     /// # Errors
     /// [`Error::File`] where the notes cannot be written.
@@ -177,7 +176,7 @@ struct StreamReader {
     filter: Filter,
     raw: File,
     lines: Lines,
-    /// Length of the file's part that was given back to the disk.
+    /// Length of the file's part whose disk space was released.
     given_back: u64,
     noted: File,
 }
@@ -299,7 +298,7 @@ pub fn is_numbered(notes: &Path) -> bool {
         .any(|stream| whole_lines(&noted(notes, stream)).is_ok_and(|lines| lines.iter().any(is_numbered)))
 }
 
-/// The first position from `at` on that was not given back to the disk.
+/// The first position from `at` on whose disk space was not released.
 fn first_data(file: &File, at: u64) -> u64 {
     #[cfg(target_os = "linux")]
     if let Ok(data) = rustix::fs::seek(file, rustix::fs::SeekFrom::Data(at)) {
@@ -309,7 +308,7 @@ fn first_data(file: &File, at: u64) -> u64 {
     at
 }
 
-/// Gives the part of a file before a position back to the disk, where that is possible.
+/// Releases the disk space of a file before a position, if the file system supports it.
 fn give_back(file: &File, until: u64) {
     #[cfg(target_os = "linux")]
     {
@@ -417,7 +416,7 @@ mod tests {
         fs::write(noted(notes, LOG), "{\"step\": 1}\n{\"st").unwrap();
         say(notes, b"step=1 x=1\nstep=2 x=0.", b"");
         listen(notes).mark_continuation(notes).unwrap();
-        // Killed once more before it wrote anything.
+        // The program is killed again before it writes anything.
         listen(notes).mark_continuation(notes).unwrap();
         say(notes, b"step=2 x=5\n", b"");
         listen(notes).end();

@@ -81,7 +81,7 @@ impl Policy {
         Ok(policy)
     }
 
-    /// A policy that returns zeros, for the rehearsal of `check`.
+    /// A policy stub that returns zeros, for the rehearsal of `check`.
     pub fn specimen(seat: &Seat) -> Vec<u8> {
         let (n_seen, n_acted) = (seat.observation.len(), seat.action.len());
         let (mut graph, observation) = Graph::of_observation(n_seen);
@@ -133,7 +133,7 @@ impl Policy {
     }
 }
 
-/// The counts of numbers in which an action may be given.
+/// The accepted numbers of entries of an action.
 fn entries(space: &Space) -> Vec<usize> {
     match space {
         Space::Discrete(names) => vec![1, names.len()],

@@ -14,8 +14,7 @@ use std::{path::Path, time::Duration};
 /// Time between two polls of a program.
 const LOOK: Duration = Duration::from_millis(2);
 
-/// Signals by which people, terminals and batch systems stop programs; they are no fault of the stopped
-/// program.
+/// Signals with which people, terminals and batch systems stop programs. They are no fault of the stopped program.
 const STOPS: [i32; 5] = [1, 2, 9, 10, 15];
 
 /// A program that was started.
@@ -55,7 +54,7 @@ impl Process {
         })
     }
 
-    /// Waits for the end of the program, but not longer than `wait`; `None` where it still runs.
+    /// Waits for the end of the program for at most `wait`; `None` if it still runs.
     pub fn ends_within(&mut self, wait: Duration) -> Option<Result<(), Error>> {
         let mut left = wait;
         loop {
@@ -140,7 +139,7 @@ impl Process {
     }
 }
 
-/// Time that a program has to end.
+/// Time for a program to end after the signal.
 pub fn grace(config: &ProgramConfig) -> Duration {
     Duration::try_from_secs_f64(config.stop.grace_s).unwrap_or_default()
 }
@@ -166,7 +165,7 @@ fn filter(config: &ProgramConfig, stream: &str) -> Filter {
     filter
 }
 
-/// Whether a program that worked there ended by itself and well.
+/// Whether a program that ran there ended by itself and with success.
 pub fn has_ended_well(notes: &Path) -> bool {
     let last = execution::guard::last_ending(notes);
     matches!(

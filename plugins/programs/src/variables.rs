@@ -5,7 +5,7 @@ use crate::{ProgramConfig, output, working_folder::WorkingFolder};
 use contract::resources::Share;
 use std::{collections::BTreeMap, ffi::OsString};
 
-/// Passed on unchanged; a `*` at the end stands for any letters.
+/// Variables that are passed on unchanged; a `*` at the end stands for any letters.
 const PASSED: [&str; 23] = [
     "CONDA_*",
     "CUDA_*",
@@ -31,7 +31,8 @@ const PASSED: [&str; 23] = [
     "JULIA_*",
     "RUSTUP_HOME",
 ];
-/// Set in every trial: fixed hashes, no compiled files, unbuffered output, no windows, no uploads to a service.
+/// Variables that are set in every trial: fixed hashes, no compiled files, unbuffered output, no windows, no uploads to
+/// a service.
 const SET: [(&str, &str); 6] = [
     ("PYTHONHASHSEED", "0"),
     ("PYTHONDONTWRITEBYTECODE", "1"),
@@ -40,11 +41,11 @@ const SET: [(&str, &str); 6] = [
     ("WANDB_MODE", "offline"),
     ("TERM", "dumb"),
 ];
-/// Libraries that would use all processors of a machine; a trial has the cores of its share.
+/// Libraries that would use all cores of a machine; a trial uses only the cores of its share.
 const THREADS: [&str; 4] = ["OMP", "OPENBLAS", "MKL", "NUMEXPR"];
 
-/// The variables of a program: those of the machine that are passed on, those that are set in every trial,
-/// those of the study, and those by which the program finds its trial's files.
+/// The variables of a program: those of the machine that are passed on, those that are set in every trial, those of the
+/// study, and those with which the program finds its trial's files.
 pub fn given(config: &ProgramConfig, place: &WorkingFolder, share: &Share) -> BTreeMap<String, String> {
     #[expect(
         clippy::disallowed_methods,
@@ -58,7 +59,7 @@ pub fn given(config: &ProgramConfig, place: &WorkingFolder, share: &Share) -> BT
     all
 }
 
-/// The variables of a trial. The module of the trial stands behind the study's own modules.
+/// The variables of a trial. The folder of the trial's module comes after the study's own `PYTHONPATH`.
 fn of_trial(place: &WorkingFolder, python_path: Option<&String>) -> [(String, String); 3] {
     let log = output::noted(&place.notes(), output::LOG);
     let trial = place.trial().display().to_string();
@@ -71,7 +72,7 @@ fn of_trial(place: &WorkingFolder, python_path: Option<&String>) -> [(String, St
     ]
 }
 
-/// The variables by which libraries keep to a share of the machine.
+/// The variables that limit libraries to a share of the machine.
 fn of_share(share: &Share) -> BTreeMap<String, String> {
     let threads = THREADS.map(|library| (format!("{library}_NUM_THREADS"), share.cores.to_string()));
     let cards = share.gpus.as_ref();

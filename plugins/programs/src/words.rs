@@ -291,7 +291,7 @@ mod tests {
     }
 
     proptest! {
-        /// Any value comes back unchanged, in one argument.
+        /// Any value stays unchanged, in one argument.
         #[test]
         fn a_value_is_one_argument(value in "[^\0]*", before in "[a-z=]{1,5}") {
             let filled = fill(&format!("{before}{{value}}"), json!({ "value": value })).unwrap();

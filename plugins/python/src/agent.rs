@@ -1,7 +1,7 @@
 //! The agent `python`: a user's rule or learner in a Python process of the same server that runs environments.
 //!
-//! Every call sends numbers behind one byte ([`Process::ask`]): the observations of all rows, and gets actions
-//! back. Random numbers come from the trial's streams: one seed at construction and one with every call.
+//! Every call announces its numbers with one byte ([`Process::ask`]): it sends the observations of all rows, and gets
+//! actions back. Random numbers come from the trial's streams: one seed at construction and one with every call.
 
 use crate::{
     AgentConfig,
@@ -80,10 +80,10 @@ impl PythonAgent {
         })
     }
 
-    /// Makes the same agent anew, in a process of its own.
+    /// Makes the same agent again, in a process of its own.
     ///
     /// # Errors
-    /// As [`build`].
+    /// The errors of [`build`].
     pub fn again(&self) -> Result<Self, Error> {
         Self::made(self.config.clone(), self.request.clone(), &self.interface)
     }
@@ -120,7 +120,7 @@ impl PythonAgent {
         Ok(bytemuck::pod_collect_to_vec(&bytes))
     }
 
-    /// The saved state behind the count of updates, in the form of the checkpoint file.
+    /// The number of updates and the saved state, in the form of the checkpoint file.
     fn saved(&self) -> Result<Vec<u8>, Error> {
         let state = self.ask(b'p', &[])?;
         Ok([&self.updates.to_le_bytes()[..], &state].concat())

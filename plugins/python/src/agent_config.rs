@@ -16,10 +16,10 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct AgentConfig {
     /// The class or function that makes the agent, as `FILE.py:CLASS`; the file lies beside the study.
     pub make: Maker,
-    /// Arguments of the call by name. In place of a value, `{ file: PATH }` passes the path of a file whose
-    /// content enters the trial's id.
+    /// Arguments of the call by name. Instead of a value, `{ file: PATH }` passes the path of a file whose content
+    /// enters the trial's id.
     pub arguments: BTreeMap<String, Value>,
-    /// Whether the agent learns: protocols then train it by its `learn`. Otherwise it is a rule, which is only
+    /// Whether the agent learns: protocols then train it with its `learn`. Otherwise it is a rule, which is only
     /// measured.
     pub learns: bool,
     /// Names of the numbers that `learn` returns, each recorded as the mean since the previous measurement.

@@ -14,12 +14,12 @@ pub struct PythonConfig {
     /// The maker of the environment: `gymnasium:ID`; `pettingzoo:MODULE`, whose `parallel_env` is called; or
     /// `FILE.py:FUNCTION`, a file beside the study and the function in it that is called.
     pub make: Maker,
-    /// Arguments of the call by name. In place of a value, `{ file: PATH }` passes the path of a file whose
-    /// content enters the trial's id.
+    /// Arguments of the call by name. Instead of a value, `{ file: PATH }` passes the path of a file whose content
+    /// enters the trial's id.
     pub arguments: BTreeMap<String, Value>,
-    /// Entries of `info` that are recorded as metrics, by name. The value says how the steps of an episode
-    /// become one number: `sum`, `mean`, `last`, `max` or `min`; or it is written as `{ take: sum,
-    /// lower_is_better: true, unit: m3 }`. With several agents, each has its own metric, as `AGENT_NAME`.
+    /// Entries of `info` that are recorded as metrics, by name. The value is the reduction of an episode's steps to one
+    /// number: `sum`, `mean`, `last`, `max` or `min`; or it is written as `{ take: sum, lower_is_better: true, unit: m3
+    /// }`. With several agents, each has its own metric, as `AGENT_NAME`.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub metrics: BTreeMap<String, InfoMetric>,
     /// Other files of your own that it imports, each as the module with the file's name.

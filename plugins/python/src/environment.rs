@@ -16,8 +16,8 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-/// Environments that passed their rehearsal in this process, with the doubts about each: a study is read
-/// several times.
+/// Environments that passed their rehearsal in this process, with the doubts about each. They are kept because a study
+/// is read several times.
 static REHEARSED: Mutex<BTreeMap<String, Vec<String>>> = Mutex::new(BTreeMap::new());
 
 /// An environment in Python.
@@ -30,7 +30,7 @@ pub struct PythonEnvironment {
     seats: Vec<Seat>,
     state_channels: Vec<Channel>,
     metrics: Vec<Metric>,
-    /// Whether no episode has begun yet: another environment may have used the block before.
+    /// Whether no episode has begun yet; another environment may have used the block before.
     is_new: bool,
     /// Whether the request for the next step already lies in shared memory.
     announced: bool,
@@ -124,7 +124,7 @@ impl PythonEnvironment {
     }
 }
 
-/// Saved state of an environment; `Err` with the reason where pickling would not continue it identically.
+/// Saved state of an environment; `Err` with the reason if pickling would not continue it identically.
 #[derive(Debug, Serialize, Deserialize)]
 struct SavedEnvironment {
     state: Result<String, String>,

@@ -4,8 +4,8 @@ use contract::{Channel, Choice, Error, Seat, Space, choice};
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// Largest excess of an entry of an action over -1 and 1 that is accepted: squashing functions in single
-/// precision round to just beyond.
+/// Largest accepted excess of an entry of an action over -1 and 1, since squashing functions in single precision may
+/// round to slightly more.
 const ROUNDING: f64 = 1e-6;
 
 /// The first answer of a server of environments: its shared memory, seats and metrics.
@@ -67,7 +67,7 @@ fn observed(form: &SpaceForm) -> Space {
     }
 }
 
-/// An entry between two limits has its typical value in their middle and deviates by half their distance.
+/// The typical value of an entry between two limits is their middle, and its typical deviation is half their distance.
 fn channel(entry: &BoxEntry) -> Channel {
     let channel = Channel::new(&entry.name, "").within(
         entry.low.unwrap_or(f64::NEG_INFINITY),
@@ -80,7 +80,7 @@ fn channel(entry: &BoxEntry) -> Channel {
     }
 }
 
-/// Agents act between -1 and 1; a choice is made by the largest of such numbers.
+/// Agents act between -1 and 1. The largest of several such numbers selects an option.
 fn acted(form: &SpaceForm) -> Space {
     match form {
         SpaceForm::Box(entries) => {
@@ -97,7 +97,7 @@ fn acted(form: &SpaceForm) -> Space {
     }
 }
 
-/// Count of numbers of a seat's action that pass to Python.
+/// Number of numbers of a seat's action that are sent to Python.
 pub fn n_asked(seat: &Seat) -> usize {
     match &seat.action {
         Space::Choices(choices) => choices.len(),

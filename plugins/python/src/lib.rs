@@ -1,13 +1,13 @@
-//! Environments that are written in Python (of Gymnasium, of `PettingZoo`'s parallel interface, or a user's
-//! own), and a user's own rules and learners.
+//! Environments that are written in Python (of Gymnasium, of `PettingZoo`'s parallel interface, or a user's own), and a
+//! user's own rules and learners.
 //!
-//! The environments of a trial live in one Python process ([`server.py`](../src/server.py)), which this crate
-//! starts, asks and ends. Numbers pass through shared memory, and one byte each way announces them;
-//! environments that are stepped together are asked together. An agent has a process of the same server.
+//! The environments of a trial live in one Python process ([`server.py`](../src/server.py)), which this crate starts,
+//! asks and ends. Numbers pass through shared memory, and one byte in each direction announces them. Environments that
+//! are stepped together are asked together. An agent has a process of the same server.
 //!
-//! A trial's id holds everything that determines numbers: the text of a user's files and that of a lock file,
-//! with which the installed packages are compared whenever Python starts. The interpreter's location is not
-//! part of the id.
+//! A trial's id holds everything that determines numbers: the text of a user's files and that of a lock file, with
+//! which the installed packages are compared at every start of Python. The interpreter's location is not part of the
+//! id.
 
 use contract::{AgentTraits, Feed};
 mod agent;
@@ -26,7 +26,7 @@ pub use config::PythonConfig;
 
 use serde_json::Value;
 
-/// The name of a package's environment in that package, for programs that make it themselves.
+/// The name of a package's environment in that package, for programs that make the environment themselves.
 fn names(config: &Value) -> Vec<(&'static str, String)> {
     let word = config.get("make").and_then(Value::as_str);
     let name = word

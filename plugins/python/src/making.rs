@@ -1,4 +1,4 @@
-//! Code in Python as a study names it: its maker, the files that it reads, and the request that Python gets.
+//! Python code that a study names: its maker, the files that it reads, and the request to Python.
 
 use contract::{DataFile, Error};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -183,7 +183,7 @@ impl Maker {
     /// The call that makes an agent.
     ///
     /// # Errors
-    /// [`Error::Config`] where no file of a person's own is named; [`Error::File`] where it cannot be read.
+    /// [`Error::Config`] if no file of the user is named; [`Error::File`] if it cannot be read.
     pub fn of_agent(&self) -> Result<Value, Error> {
         match self {
             Self::Own { file, call } => Ok(json!({ "file": text_of(file)?, "call": call })),

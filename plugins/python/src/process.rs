@@ -1,9 +1,8 @@
 //! A Python process that answers one request at a time.
 //!
-//! Neither a crash nor a hang of the process outlives a trial. Its guard (`guard.py`) ends it, with all
-//! processes that it started, when its standard input closes or the engine ends; until the guard runs, a shell
-//! does so. Signals to the engine do not reach the process. Its output is hidden, except for the last lines
-//! where it ends unexpectedly.
+//! Neither a crash nor a hang of the process outlives a trial. Its guard (`guard.py`) ends it, with all processes that
+//! it started, when its standard input closes or the engine ends; until the guard runs, a shell does so. Signals to the
+//! engine do not reach the process. Its output is hidden, except for the last lines if it ends unexpectedly.
 
 use contract::Error;
 use execution::patience::Watch;
@@ -29,8 +28,7 @@ const SERVER: &str = concat!(
 );
 /// Length of the output that is kept for messages, bytes.
 const LAST_WORDS: usize = 2000;
-/// Signals by which people, terminals and batch systems stop programs; they are no fault of the stopped
-/// program.
+/// Signals with which people, terminals and batch systems stop programs. They are no fault of the stopped program.
 const STOPS: [i32; 5] = [1, 2, 9, 10, 15];
 /// Exit status of a shell that does not find the program.
 const NOT_FOUND: i32 = 127;
@@ -38,7 +36,7 @@ const NOT_FOUND: i32 = 127;
 const CANNOT_RUN: i32 = 126;
 /// Number of restarts after a signal that arrived before the process could ignore it.
 const STARTS: usize = 3;
-/// Time in which the process must close its environments and end their processes.
+/// Time for the process to close its environments and end their processes.
 const ENDING: Duration = Duration::from_secs(20);
 
 /// A running process.
@@ -81,7 +79,7 @@ impl Process {
         let mut starts = 1;
         loop {
             match Self::attempt(interpreter, own, what, request) {
-                // No work was done yet that could be lost.
+                // No work could be lost yet.
                 Err(Error::Ended { .. }) if starts < STARTS => starts += 1,
                 outcome => return outcome,
             }
@@ -122,7 +120,7 @@ impl Process {
         Ok((process, answer))
     }
 
-    /// Waits for the first byte, which says that the guard runs.
+    /// Waits for the first byte, which shows that the guard runs.
     fn wake(&mut self, cannot: &dyn Fn(&str) -> Error) -> Result<bool, Error> {
         let watch = self.watch("the start of");
         let mut byte = [0];
@@ -142,7 +140,7 @@ impl Process {
         let (status, last_words) = self.end();
         match status.and_then(|status| status.code()) {
             Some(code @ (NOT_FOUND | CANNOT_RUN)) => {
-                // Such as `sh: 1: exec: python9: not found`.
+                // For example `sh: 1: exec: python9: not found`.
                 let why = last_words.lines().last().unwrap_or_default();
                 Err(match cannot(why.rsplit(": ").next().unwrap_or(why)) {
                     Error::Config { key, problem } if code == NOT_FOUND => {
@@ -230,7 +228,7 @@ impl Process {
         }
     }
 
-    /// Reads a text behind its length; `None` where the process ended.
+    /// Reads a text after its length; `None` if the process ended.
     fn text(&mut self) -> Option<Vec<u8>> {
         let mut length = [0; 8];
         self.answers.read_exact(&mut length).ok()?;
@@ -341,7 +339,7 @@ impl Drop for Keeper {
     }
 }
 
-/// Ends a process with all that it started: the guard is asked first, also where it was stopped; the remaining
+/// Ends a process with all processes that it started. The guard is asked first, even if it was stopped; the remaining
 /// processes are ended by group and family.
 fn end_all(id: u32, family: &[u32]) {
     let script = r#"kill -s USR2 "$0"; kill -s CONT -- "-$0"; n=0
@@ -358,19 +356,19 @@ fn mind(child: &mut Child, ended: &Sender<ProcessExit>) {
         std::thread::spawn(move || last_words(errors, &tell));
     }
     let status = child.wait().ok();
-    // A process that outlives it may hold its output open.
+    // A process that it started may outlive it and keep its output open.
     let mut words = Vec::new();
     while let Ok(piece) = told.recv_timeout(Duration::from_secs(1)) {
         words = piece;
     }
-    // Sending fails where the receiver is gone and needs no answer then.
+    // Sending fails if the receiver is gone, which then needs no answer.
     let _ = ended.send(ProcessExit {
         status,
         last_words: String::from_utf8_lossy(&words).trim().to_owned(),
     });
 }
 
-/// Sends the last bytes of the output each time some are written.
+/// Sends the last bytes of the output after each write.
 fn last_words(mut errors: impl Read, tell: &Sender<Vec<u8>>) {
     let (mut kept, mut piece) = (Vec::new(), [0; 4096]);
     while let Ok(read @ 1..) = errors.read(&mut piece) {

@@ -10,14 +10,14 @@ use execution::patience::Watch;
 
 /// Steps of a rehearsal, each of all environments.
 const STEPS: usize = 5;
-/// Environments of a rehearsal, where the agent can act in several at a time.
+/// Number of environments of a rehearsal, if the agent can act in several at a time.
 const ENVIRONMENTS: usize = 2;
 
 /// Builds an environment of the trial.
 type EnvironmentFactory<'a> = &'a dyn Fn() -> Result<Box<dyn Environment>, Error>;
 
-/// Refuses an agent that fails, that does something else the second time, or that does not continue identically
-/// from its saved state.
+/// Refuses an agent that fails, that acts differently the second time, or that does not continue identically from its
+/// saved state.
 ///
 /// # Errors
 /// [`Error::Config`] at the key `make`.
@@ -25,7 +25,7 @@ pub fn rehearse(agent: &mut PythonAgent, make: EnvironmentFactory<'_>) -> Result
     let (mut again, mut after) = (agent.again()?, agent.again()?);
     let watches = [&*agent, &again, &after].map(PythonAgent::watch);
     let tried = tried(agent, &mut again, &mut after, make);
-    // Every watch ends, whichever of them ended a process.
+    // All watches end, whichever of them ended a process.
     let reasons = watches.map(Watch::end);
     match reasons.into_iter().flatten().next() {
         Some(reason) => Err(Error::config("make", reason)),
@@ -113,7 +113,7 @@ impl Stage {
         Ok(stage)
     }
 
-    /// Lets an agent act in all environments, and learn from the step.
+    /// Lets an agent act in all environments and learn from the step.
     fn step(&mut self, agent: &mut PythonAgent) -> Result<Vec<Action>, Error> {
         let mode = if agent.learns() {
             Mode::Train

@@ -1,7 +1,6 @@
-//! The environments of one Python process: a block of shared memory for each, and the requests that wait.
+//! The environments of one Python process: a block of shared memory for each, and the waiting requests.
 //!
-//! The engine reads and writes the file that Python has mapped into its memory, so that no code here handles a
-//! pointer.
+//! The engine reads and writes the file that Python maps into its memory, so this code handles no pointers.
 
 use crate::{
     interface::{EnvironmentDescription, n_asked},
@@ -19,8 +18,8 @@ use std::{
 };
 use tempfile::TempDir;
 
-/// Most blocks in the shared memory; the numbers of those that wait stand before them. The value of
-/// `server.py`.
+/// Maximum number of blocks in the shared memory, which begins with the numbers of the waiting blocks. It equals the
+/// value in `server.py`.
 const MOST_ENVIRONMENTS: usize = 8192;
 const BYTES: usize = 8;
 /// Seed of a rehearsal.
@@ -63,10 +62,10 @@ pub type SharedServer = Arc<Mutex<Server>>;
 /// Servers in use, by the key of the request that made them.
 static SERVERS: Mutex<BTreeMap<String, Weak<Mutex<Server>>>> = Mutex::new(BTreeMap::new());
 
-/// The server whose environments are made by this request: one in use, or a new one.
+/// The server for this request: one in use, or a new one.
 ///
 /// # Errors
-/// As [`Server::start`].
+/// The errors of [`Server::start`].
 pub fn shared(interpreter: &str, request: &MakeRequest) -> Result<SharedServer, Error> {
     let key = request.key()?;
     let mut servers = SERVERS.lock().unwrap_or_else(PoisonError::into_inner);
@@ -248,7 +247,7 @@ impl Server {
     /// Usable results of an environment that differ from its declaration.
     ///
     /// # Errors
-    /// As [`rehearse`](Self::rehearse).
+    /// The errors of [`rehearse`](Self::rehearse).
     pub fn doubts(&mut self) -> Result<Vec<String>, Error> {
         let lines = self.tried(b'd')?;
         Ok(String::from_utf8_lossy(&lines)
@@ -321,8 +320,7 @@ impl Rehearsal {
     }
 }
 
-/// Describes when a row of a rehearsal was answered; where an episode ended, the reset that followed is counted
-/// too.
+/// Describes the step of a row of a rehearsal; after the end of an episode, the reset that followed is counted too.
 fn when(row: usize) -> String {
     match row {
         0 => "after `reset`".into(),

@@ -1,4 +1,4 @@
-//! The config of an environment, read from its name and the user's keys by the registry and the checks of the
+//! The config of an environment, read from its name and the user's keys with the registry and the checks of the
 //! program.
 
 use crate::refusal::Refusal;
@@ -22,8 +22,7 @@ pub struct ConfiguredEnvironment {
 }
 
 impl ConfiguredEnvironment {
-    /// Reads the keys of the environment `name` from a JSON text or a YAML file; without either, its defaults
-    /// hold.
+    /// Reads the keys of the environment `name` from a JSON text or a YAML file; without either, its defaults apply.
     ///
     /// # Errors
     /// [`Refusal::Config`] with every problem, in the words of `check`.

@@ -9,14 +9,14 @@ use crate::{
 use contract::{Action, End, Environment, Error, Phase, Rng, Seat, random};
 use serde_json::Value;
 
-/// When the episode that follows an ended one begins, with Gymnasium's names.
+/// Start of the episode after an ended one, with Gymnasium's names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Autoreset {
-    /// When `reset` is called.
+    /// It begins when `reset` is called.
     Disabled,
-    /// In the step after the last one; that step's action is ignored.
+    /// It begins in the step after the last one; that step's action is ignored.
     NextStep,
-    /// In the last step, which returns both the last observation and that of the new episode's start.
+    /// It begins in the last step, which returns both the last observation and that of the new episode's start.
     SameStep,
 }
 
@@ -125,7 +125,7 @@ impl Episodes {
     /// Begins an episode in every environment and returns the observations of all seats.
     ///
     /// # Errors
-    /// [`Refusal::NoSeed`] where a stream is to continue that never began, and errors of the environment.
+    /// [`Refusal::NoSeed`] for a stream that should continue but never began, and errors of the environment.
     pub fn reset(&mut self, starts: &[Start]) -> Result<Vec<f64>, Refusal> {
         let mut numbers = vec![0.0; self.layout.places * self.layout.observed];
         for (number, (place, start)) in self.places.iter_mut().zip(starts).enumerate() {
@@ -139,8 +139,8 @@ impl Episodes {
         Ok(numbers)
     }
 
-    /// Steps every environment once, or begins the next episode where the last one ended and `autoreset` asks
-    /// for it; returns the vector that [`Layout`] describes. After an error no episode is under way any more.
+    /// Steps every environment once, or begins the next episode after an ended one if `autoreset` asks for it; returns
+    /// the vector that [`Layout`] describes. After an error no episode is in progress any more.
     ///
     /// # Errors
     /// [`Refusal::NoEpisode`], [`Refusal::Length`], and the environment's errors about an action.
@@ -207,8 +207,8 @@ impl Episodes {
 }
 
 impl SubEnvironment {
-    /// Restores the environment to the state before its first episode: some carry information from one episode
-    /// to the next, such as the starting point of a solver.
+    /// Restores the environment to the state before its first episode, because some environments carry information from
+    /// one episode to the next, such as the starting point of a solver.
     fn renew(&mut self, configured: &ConfiguredEnvironment, fresh: &Value) -> Result<(), Refusal> {
         if self.environment.restore(fresh).is_err() {
             // Environments written in Python may refuse to be restored.
@@ -282,7 +282,7 @@ fn write(target: &mut [f64], vectors: &[Vec<f64>]) {
         .for_each(|(place, value)| *place = *value);
 }
 
-/// The error of a refused action, with the number of its environment where there are several.
+/// The error of a refused action, with the number of its environment if there are several.
 fn of_place(error: Error, number: usize, places: usize) -> Error {
     match error {
         Error::Action { problem } if places > 1 => Error::Action {

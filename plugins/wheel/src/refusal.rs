@@ -1,4 +1,4 @@
-//! Reasons for a refusal, and the Python exception that each becomes.
+//! Reasons for a refusal, and the Python exceptions for them.
 
 use contract::Error;
 use pyo3::{
@@ -45,13 +45,13 @@ pub enum Refusal {
         /// Required length.
         expected: usize,
     },
-    /// A step of an environment without an episode under way.
+    /// A step of an environment without an episode in progress.
     #[error("no episode is under way in environment {place}: call `reset`")]
     NoEpisode {
         /// Number of the environment.
         place: usize,
     },
-    /// A random stream that is to continue but never began.
+    /// A random stream that should continue but never began.
     #[error("environment {place} was never given a seed: call `reset(seed=...)`")]
     NoSeed {
         /// Number of the environment.

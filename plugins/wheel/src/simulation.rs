@@ -85,8 +85,8 @@ impl Simulation {
         Ok(self.lock()?.stream_id().to_owned())
     }
 
-    /// Begins an episode everywhere; `starts` holds for each environment a seed, the number of an episode of
-    /// the final measurement and the number of an environment to learn in, or `None`.
+    /// Begins an episode in every environment. For each of them, `starts` holds a seed, the number of an episode of the
+    /// final measurement and the number of an environment to learn in, or `None`.
     fn reset(
         &self,
         py: Python<'_>,

@@ -1,7 +1,7 @@
-//! Spaces in the form that Python gets, and actions in the form that Python returns.
+//! Spaces as Python receives them, and actions as Python returns them.
 //!
-//! A choice arrives as the position of its option, every other number as it is. It is the inverse of the
-//! conversion that `plugins/python` makes for environments written in Python.
+//! A choice arrives as the position of its option, every other number unchanged. This is the inverse of the conversion
+//! in `plugins/python` for environments written in Python.
 
 use contract::{Channel, Error, Metric, Seat, Space};
 use pyo3::prelude::*;

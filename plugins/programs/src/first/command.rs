@@ -32,9 +32,9 @@ pub struct Parameter {
 pub struct Command {
     /// Words of the command line.
     pub words: Vec<CommandWord>,
-    /// Count of the words that are the program, all before its arguments.
+    /// Number of words of the program, all before its arguments.
     pub head: usize,
-    /// The interpreter, where it is a file.
+    /// The interpreter, if it is a file.
     pub interpreter: String,
     pub parameters: Vec<Parameter>,
     /// The option for the seed.
@@ -66,7 +66,7 @@ enum Argument {
 enum ValuePosition {
     /// In the next word.
     Apart,
-    /// Behind an equals sign.
+    /// After an equals sign.
     Joined,
 }
 
@@ -109,7 +109,7 @@ impl Command {
         let is_manager = words
             .first()
             .is_some_and(|first| super::MANAGERS.contains(&first.as_str()));
-        // A file behind a long option is its value, and not the program.
+        // A file after a long option is its value, and not the program.
         let before = words
             .iter()
             .take_while(|word| is_manager || !word.starts_with("--"))
@@ -289,7 +289,7 @@ impl Command {
         self.words[self.head..].iter().any(is_it)
     }
 
-    /// Leaves the steps of the command unchanged: they count something else than the steps of metrics.
+    /// Leaves the steps of the command unchanged, because they count something other than the steps of metrics.
     pub fn keep_steps(&mut self) {
         let Some((_, steps)) = self.steps.take() else {
             return;

@@ -3,7 +3,7 @@
 use contract::Error;
 use std::path::PathBuf;
 
-/// Reason why no study is made.
+/// The reason why no study is made.
 #[derive(Debug, thiserror::Error)]
 pub enum DraftRefusal {
     /// The command has no word.

@@ -37,7 +37,7 @@ impl Range {
     }
 }
 
-/// Choice of settings where not all of them are tried.
+/// Method for choosing settings if not all of them are tried.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Search {
     /// The method's name in a study.
@@ -55,11 +55,11 @@ pub struct Sweep {
     pub words: Vec<String>,
     /// Options with several values.
     pub swept: Vec<(String, Range)>,
-    /// Choice of settings; `None` where all are tried.
+    /// Method for choosing settings; `None` if all are tried.
     pub search: Option<Search>,
     /// The metric by which the sweep compares settings.
     pub metric: Option<String>,
-    /// Whether lower values of that metric are better; `None` where the sweep does not say.
+    /// Whether lower values of that metric are better; `None` if the sweep does not state it.
     pub lower_is_better: Option<bool>,
     /// Number of seeds in the sweep.
     pub seeds: Option<usize>,
