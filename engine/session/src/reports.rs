@@ -149,7 +149,7 @@ pub(crate) struct Gathered {
 
 /// The trials of a study in the store, without their numbers.
 struct Stored {
-    /// How each ended; `None` for one that has not.
+    /// Their end states; `None` for a trial that has not ended.
     states: Vec<Option<EndState>>,
     /// Number of trials that each build computed; `None` where the build is unknown.
     builds: BTreeMap<Option<Build>, usize>,

@@ -1,5 +1,5 @@
-//! Searches for settings: what they try next, from the stored results alone, so that running, resuming, reporting and
-//! running elsewhere come to the same settings.
+//! Searches for settings. The next settings follow from the stored results alone, so running, resuming, reporting and
+//! running on another machine lead to the same settings.
 
 use crate::{Exit, Failure, Planned, Session, results};
 
@@ -11,10 +11,10 @@ use contract::{Registry, trial::Purpose, trial_result::TrialResult};
 use execution::store::Store;
 use std::collections::BTreeSet;
 
-/// Takes every search of a study as far as the stored results say. True where something was added.
+/// Extends every search of a study as far as the stored results allow. True if a setting was added.
 ///
 /// # Errors
-/// A setting that a search proposes and a plugin refuses.
+/// A setting that a search proposes but a plugin refuses.
 pub(crate) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Result<bool, Failure> {
     let mut grown = false;
     loop {
@@ -61,8 +61,8 @@ fn progress(it: &SearchResult) -> Progress {
     }
 }
 
-/// Ids of the trials that the search has measured as far as it asks: they wait for nothing and are not
-/// missing. What became of one afterwards, for another study, is none of the search's.
+/// Ids of the trials that the search has measured as far as it asks; they wait for nothing and are not missing. Their
+/// later states, for another study, do not concern the search.
 fn paused(tried: &[TrialResult], one: &Planned) -> BTreeSet<String> {
     let has_paused = |it: &&TrialResult| {
         let search = match &it.trial.cell.purpose {
@@ -82,8 +82,8 @@ fn paused(tried: &[TrialResult], one: &Planned) -> BTreeSet<String> {
         .collect()
 }
 
-/// The exit code that fits what the searches of a study came to: without a setting their agents cannot run, and
-/// with one that was chosen without a look at another the choice is one among fewer.
+/// The exit for the searches of a study. It is [`Exit::TrialsFailed`] if a search found no setting, since its agent
+/// cannot run then, or if a setting could not be compared with the choice.
 #[must_use]
 pub fn exit_of_searches(one: &Planned) -> Exit {
     let saw_all = |it: &SearchResult| {
@@ -97,8 +97,8 @@ pub fn exit_of_searches(one: &Planned) -> Exit {
     }
 }
 
-/// Says why searches cannot choose a setting, or what they could not see beside their choice; answers
-/// [`exit_of_searches`] of all.
+/// Reports why searches cannot choose a setting, or which settings they could not compare with their choice. Returns
+/// the exit of [`exit_of_searches`] for all.
 pub(crate) fn tell(session: &Session<'_>, planned: &[Planned]) -> Exit {
     let again = session.again();
     for it in planned.iter().flat_map(|one| &one.searched) {
@@ -116,7 +116,7 @@ pub(crate) fn tell(session: &Session<'_>, planned: &[Planned]) -> Exit {
     planned.iter().map(exit_of_searches).max().unwrap_or(Exit::Ok)
 }
 
-/// How far the searches of a study are, a line for each.
+/// The progress of the searches of a study, one line for each.
 #[must_use]
 pub fn lines(one: &Planned) -> Vec<String> {
     one.searched

@@ -184,7 +184,7 @@ fn entry(trial: &Trial, outcome: VerificationOutcome) -> ReceiptEntry {
 }
 
 impl Verifiable {
-    /// Takes in a trial that the store knows; returns a trial of which nothing is stored.
+    /// Takes in a trial that the store knows; returns a trial without any stored data.
     fn look(
         &mut self,
         trial: Arc<Trial>,

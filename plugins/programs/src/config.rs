@@ -41,9 +41,8 @@ pub struct ProgramConfig {
     /// Files that the program leaves for other trials, by patterns in the working folder.
     #[serde(skip_serializing_if = "LeftFiles::is_empty")]
     pub leaves: LeftFiles,
-    /// How the engine measures the program, on the episodes of the other agents: by `calls` of `trial.measure`
-    /// while it runs, or by the `policy` that it `leaves`. Absent where the program reports all its numbers
-    /// itself.
+    /// Way in which the engine measures the program, on the episodes of the other agents: by `calls` of `trial.measure`
+    /// while it runs, or by the `policy` that it `leaves`. Absent if the program reports all its numbers itself.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measured: Option<Measured>,
     /// Words that are added to `run` where the program continues from `{checkpoint}`. Without them it begins

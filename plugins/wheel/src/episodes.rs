@@ -59,7 +59,7 @@ enum Stage {
 }
 
 impl Episodes {
-    /// Builds `places` environments, none of which has begun an episode.
+    /// Builds `places` environments that have not begun an episode.
     ///
     /// # Errors
     /// Refusals of the environment's constructor.

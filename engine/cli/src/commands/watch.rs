@@ -114,7 +114,7 @@ fn broken(error: std::io::Error) -> Failure {
     }
 }
 
-/// Metrics of which less is better, from the definitions in studies and from searches that minimize.
+/// Metrics for which lower values are better, from the definitions in studies and from searches that minimize.
 fn less_is_better(planned: &[Planned]) -> BTreeSet<String> {
     let of_study = |one: &Planned| -> Vec<String> {
         let metrics = one.study.metrics.iter().filter(|it| it.better == Better::Lower);

@@ -31,7 +31,7 @@ pub struct View {
     pub studies: Vec<StudyView>,
     /// Names of the metrics of the curves; the first one is shown at the beginning.
     pub metrics: Vec<String>,
-    /// The metrics of which less is better.
+    /// The metrics for which lower values are better.
     pub less_is_better: BTreeSet<String>,
 }
 

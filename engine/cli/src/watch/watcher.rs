@@ -39,7 +39,7 @@ pub struct Watcher {
     workers: usize,
     /// Metrics that are shown first.
     preferred: Vec<String>,
-    /// Metrics of which less is better.
+    /// Metrics for which lower values are better.
     less_is_better: BTreeSet<String>,
     /// Curves of trials that ended, by id.
     ended: BTreeMap<String, Arc<Curves>>,
