@@ -2,12 +2,12 @@
 
 # --- Actions of agents ---------------------------------------------------------------------------------------
 
-# How far the sum of shares may lie beside 1, as environments check it.
+# Tolerance for the sum of shares, the same as in the checks of environments.
 SUM_ROUNDING = 1e-6
 
 
 class BoxAction:
-    """Numbers within limits: those of the environment itself, where it has others than -1 and 1."""
+    """Numbers within limits: those of the environment itself if it has other limits than -1 and 1."""
 
     def __init__(self, form, whose):
         import numpy
@@ -28,7 +28,7 @@ class BoxAction:
         import numpy
 
         entries = entries_of(self, value, n, where).astype(float)
-        # What is not finite is told by the program that asked.
+        # The program that asked reports numbers that are not finite.
         outside = numpy.argwhere((entries < self.low - self.rounding) | (entries > self.high + self.rounding))
         if outside.size:
             row, at = outside[0]
@@ -59,7 +59,7 @@ class ShareAction:
         if (entries < 0).any():
             raise ValueError(f"{where} returned the share {entries.min():.6g}{self.whose}: shares are not negative")
         sums = entries.sum(axis=1)
-        # A sum that is no number is told by the program that asked.
+        # The program that asked reports a sum that is not a number.
         wrong = numpy.flatnonzero(abs(sums - 1) > SUM_ROUNDING)
         if wrong.size:
             raise ValueError(f"{where} returned shares that sum to {sums[wrong[0]]:.9g}{self.whose}: they sum to 1")
@@ -73,8 +73,8 @@ class ShareAction:
 
 
 class OptionAction:
-    """One choice or several, each an option by its number or its name. Options that are called by whole numbers in a
-    row are numbered as they are called."""
+    """One choice or several, each an option by its number or its name. If the names of options are consecutive whole
+    numbers, these are also their numbers."""
 
     def __init__(self, form, whose):
         self.whose, self.choices = whose, form["choices"]

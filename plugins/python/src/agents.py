@@ -4,7 +4,7 @@
 
 
 class Batch:
-    """Transitions in arrays, a row each; of several seats, dictionaries of arrays by seat."""
+    """Transitions in arrays, a row each; with several seats, dictionaries of arrays by seat."""
 
     def __init__(self, observation, action, reward, next_observation, terminated, truncated):
         self.observation, self.action, self.reward = observation, action, reward
@@ -12,7 +12,7 @@ class Batch:
 
 
 class OwnSeat:
-    """The observation and the action of a seat, and where its numbers lie in a row."""
+    """The observation and the action of a seat, and the position of its numbers in a row."""
 
     def __init__(self, form, is_only, seen, done):
         self.name, whose = form["name"], "" if is_only else f" for seat `{form['name']}`"
@@ -29,7 +29,7 @@ class OwnSeat:
 
 
 class OwnAgent:
-    """An agent of a person's own, and how it is asked."""
+    """An agent of the user, and the calls of its methods."""
 
     def __init__(self, asked):
         hold_against_lock(asked["lock"], asked["interpreter"], "numpy")
@@ -49,7 +49,7 @@ class OwnAgent:
         self.learn_of = self.method("learn") if told["learns"] else None
 
     def given(self, call, asked):
-        """The arguments besides those of the study: all that the function asks for by name."""
+        """The arguments in addition to those of the study: all that the function has as named parameters."""
         makers = {
             "seed": lambda: asked["agent"]["seed"],
             "seats": lambda: [seat.name for seat in self.seats],
@@ -87,13 +87,13 @@ class OwnAgent:
         return {"saves": self.saves, "restarts": self.restarts}
 
     def by_seat(self, of):
-        """Of the only seat what it is, of several a dictionary by their names."""
+        """The value for a single seat, or a dictionary by name for several."""
         if len(self.seats) == 1:
             return of(self.seats[0])
         return {seat.name: of(seat) for seat in self.seats}
 
     def method(self, name):
-        """A method, how messages call it, and what it takes by name besides its first argument."""
+        """A method, its name in messages, and its named parameters after the first argument."""
         method = getattr(self.agent, name)
         code = getattr(method, "__code__", None)
         where = f" ({os.path.basename(code.co_filename)}, line {code.co_firstlineno})" if code else ""
@@ -115,7 +115,7 @@ class OwnAgent:
         return b"k", answers.tobytes()
 
     def seen(self, rows):
-        """Observations as copies that whoever gets them may change."""
+        """Observations as copies, which the receiver may change."""
         return self.by_seat(lambda seat: rows[..., seat.seen].copy())
 
     def write(self, returned, n, where, rows):
@@ -147,12 +147,12 @@ class OwnAgent:
         return b"k", numpy.array([self.updates(), *self.recorded(returned, where)]).tobytes()
 
     def updates(self):
-        """How many updates it made, where it counts them itself; else -1."""
+        """The number of its updates if it counts them itself; otherwise -1."""
         updates = getattr(self.agent, "updates", None)
         return -1.0 if updates is None or callable(updates) else number(updates, f"`updates` of `{self.name}`")
 
     def recorded(self, returned, where):
-        """Of each metric whether it was returned, and its value."""
+        """For each metric, whether it was returned, and its value."""
         returned = {} if returned is None else returned
         if not isinstance(returned, dict):
             raise ValueError(f"{where} returned {in_words(returned)} in place of None or a dictionary of numbers by name")
@@ -195,7 +195,7 @@ def names_of_parameters(call):
 
 
 def more_of(wanted, rng, **more):
-    """The arguments that a method takes by name: a generator of the trial's stream, and the rest as it is."""
+    """The named arguments of a method: a generator of the trial's stream, and the others unchanged."""
     if "rng" in wanted:
         import numpy
 

@@ -1,16 +1,16 @@
 
 
-# --- Who sees to it that nothing is left ---------------------------------------------------------------------
+# --- The guard, which ends all processes ---------------------------------------------------------------------
 
-# How long environments may take to close once nobody asks any more.
+# Time for environments to close after the last request.
 CLOSING_S = 5
-# How long what was started is looked for once it is to end.
+# Time for finding and ending processes that were started.
 CLEARING_S = 10
 
 
 def guard():
-    """Goes on in a child process. This one waits for it, and ends with it what it started: whatever loses its parent
-    becomes a child of this one, in a group or session of its own or not."""
+    """Continues in a child process. This process waits for it, and then ends all processes that it started: a process
+    that loses its parent becomes a child of this one, even in a group or session of its own."""
     own = take_own_folder()
     if sys.platform != "linux":
         return end_with_input()
@@ -19,7 +19,7 @@ def guard():
     child = os.fork()
     if child == 0:
         return die_with_parent()
-    # That the child says no more must show.
+    # This process gives up the output, so that the end of the child's output is visible.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     signal.signal(signal.SIGUSR2, lambda *_: os.kill(child, signal.SIGKILL))
     threading.Thread(target=end_with_program, args=(parent, child), daemon=True).start()
@@ -46,7 +46,7 @@ def control_process(what, value=1):
 
 
 def end_with_program(parent, child):
-    """Ends the child once the program is gone, or some time after it asks no more."""
+    """Ends the child when the program is gone, or some time after its last request."""
     wait_for_end_of_input()
     until = time.monotonic() + CLOSING_S
     while time.monotonic() < until and os.getppid() == parent:
@@ -70,7 +70,7 @@ def wait_for_end_of_input():
 
 
 def status_of(child):
-    """How the child ended; others that come here are taken in meanwhile."""
+    """The exit status of the child; adopted processes are reaped in the meantime."""
     while True:
         ended, status = os.wait()
         if ended == child:
@@ -80,7 +80,7 @@ def status_of(child):
 def end_descendants():
     until = time.monotonic() + CLEARING_S
     while time.monotonic() < until:
-        # One that is stopped starts no further one before it ends.
+        # A stopped process starts no further process before it ends.
         for end in (signal.SIGSTOP, signal.SIGKILL):
             for process in descendants():
                 send(process, end)
@@ -100,12 +100,12 @@ def send(process, what):
 
 
 def descendants():
-    """Ids of the processes that come from this one, those that are near first."""
+    """Ids of the descendants of this process, the nearest first."""
     children, found = {}, [os.getpid()]
     for name in filter(str.isdigit, os.listdir("/proc")):
         try:
             with open(f"/proc/{name}/stat") as stat:
-                # The name in parentheses may hold anything.
+                # The name in parentheses may contain any characters.
                 parent = stat.read().rpartition(")")[2].split()[1]
         except OSError:
             continue
@@ -123,7 +123,7 @@ def take_own_folder():
 
 
 def leave_as(status):
-    """Ends as the child did."""
+    """Ends with the status of the child."""
     if os.WIFSIGNALED(status):
         import resource
 

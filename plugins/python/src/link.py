@@ -1,9 +1,9 @@
 """Holds environments of Gymnasium or of PettingZoo's parallel interface for the program that started this one, or an agent.
 
 Requests to environments and answers are numbers in shared memory, one block per environment: the kind of request, a seed and the
-actions; then how the episode stands, the rewards, the observations, the full state and the metrics. One byte on
-standard input says that requests lie there, one byte on standard output that their answers do. Everything else passes
-as texts behind such a byte, each with its length before it; so do the numbers of agents. Prints go to standard error.
+actions; then the state of the episode, the rewards, the observations, the full state and the metrics. One byte on
+standard input announces requests, one byte on standard output their answers. Everything else, including the numbers
+of agents, passes as texts after such a byte, each preceded by its length. Prints go to standard error.
 
 The files beside this one follow it in one text: `guard.py`, `spaces.py`, `returns.py`, `making.py`, `server.py`,
 `actions.py`, `agents.py`, `serving.py`.
@@ -30,7 +30,7 @@ import warnings
 
 
 class Refused(Exception):
-    """What cannot be used, at which key of the study, and what to do instead; or what is lacking here."""
+    """A refusal: the problem, the key of the study and the remedy; or a missing part of this machine."""
 
     def __init__(self, key, problem, lacks=False):
         super().__init__(problem)
@@ -42,7 +42,7 @@ class Link:
 
     def __init__(self):
         self.owner, self.reader, self.writer = os.getpid(), os.dup(0), os.dup(1)
-        # Nothing that an environment reads or prints meets what passes here.
+        # Input and output of environments must not mix with the messages of the link.
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
         os.dup2(2, 1)
 
@@ -74,14 +74,14 @@ class Link:
             rest = rest[os.write(self.writer, rest) :]
 
     def _leave_copies(self):
-        """A copy of this process that an environment forked has no say here."""
+        """Ends a copy of this process that an environment forked, so that it cannot use the link."""
         if os.getpid() != self.owner:
             os._exit(1)
 
 
 def told(error):
-    """What went wrong, and the last lines of where."""
-    # Of this file and of the machinery of imports nothing is told.
+    """The error, and the last lines of its traceback."""
+    # Lines of this file and of the import system are left out.
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith("<")]
     where = [f"{os.path.basename(at.filename)}, line {at.lineno}, in {at.name}: {at.line}" for at in frames[-3:]]
     return "\n".join(["".join(traceback.format_exception_only(type(error), error)).strip(), *reversed(where)])

@@ -1,10 +1,11 @@
 
 
-# --- What makes environments and agents ---------------------------------------------------------------------------------
+# --- Makers of environments and agents
+# ----------------------------------------------------------------------------------
 
 
 class Sources(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Modules from texts that were handed over: a trial runs what its id names, whatever becomes of the files."""
+    """Modules from texts in the request: a trial runs the sources that its id names, even if the files change."""
 
     def __init__(self, files):
         self.files = {os.path.splitext(os.path.basename(file["path"]))[0]: file for file in files}
@@ -42,7 +43,7 @@ def function_of(make, sources):
 
 
 def parallel_function(name):
-    """`parallel_env` of `pettingzoo.NAME`, or of `NAME` where there is no such module."""
+    """`parallel_env` of `pettingzoo.NAME`, or of `NAME` if that module does not exist."""
     try:
         module = importlib.import_module(f"pettingzoo.{name}")
     except ModuleNotFoundError as error:
@@ -55,7 +56,7 @@ def parallel_function(name):
 
 
 def module_outside(name, error):
-    """A module of another package; what a package has instead is said where it is there."""
+    """A module of another package; the error for a missing one names similar modules of the package."""
     refuse_other_version(error.name)
     try:
         return importlib.import_module(name)
@@ -72,7 +73,7 @@ def module_outside(name, error):
 
 
 def refuse_other_version(missing):
-    """Says what a package has in place of a module that it has not."""
+    """Names the modules that a package has in place of a missing one."""
     package, _, last = missing.rpartition(".")
     if not package:
         return
@@ -84,7 +85,7 @@ def refuse_other_version(missing):
 
 
 def modules_of(package):
-    """Names of the modules in a package; nothing where it is none."""
+    """Names of the modules in a package; empty if it is not a package."""
     try:
         return [it.name for it in pkgutil.iter_modules(importlib.import_module(package).__path__)]
     except (ImportError, AttributeError):
@@ -103,7 +104,7 @@ def found_module(asked, needed):
             importlib.import_module(package)
         return function_of(make, asked["sources"])
     except ModuleNotFoundError as error:
-        # A name out of the study could be that of a stranger's package: only what is pinned is named.
+        # A name from the study could be that of a stranger's package, so only pinned packages are named.
         missing = plain((error.name or "").split(".")[0])
         pinned = missing in dict(versions_in(asked["lock"]["path"], asked["lock"]["text"]))
         install = f"`{interpreter} -m pip install {missing}` installs a package for this Python; " if pinned else ""
@@ -134,7 +135,7 @@ def plain(name):
 
 
 def found_beside_wanted(lock):
-    """By package of a lock file: the version that is installed, or `None`, and those that are wanted."""
+    """For each package of a lock file: the installed version, or `None`, and the wanted versions."""
     from importlib.metadata import PackageNotFoundError, version
 
     # A lock file for several platforms may name several versions of one package.
@@ -157,7 +158,7 @@ def how_to_install(lock, interpreter):
 
 
 def hold_against_lock(lock, interpreter, needed):
-    """The id of a trial names the lock file, so what is installed must be what it says, and `needed` be in it."""
+    """The id of a trial contains the lock file, so the installed packages must match it, and `needed` must be in it."""
     packages = found_beside_wanted(lock)
     if needed not in packages:
         raise Refused(
@@ -179,13 +180,13 @@ def hold_against_lock(lock, interpreter, needed):
 
 
 def is_of_an_import(error):
-    # Gymnasium has an error of its own for packages that single environments need.
+    # Gymnasium has its own error for packages that single environments need.
     return isinstance(error, ImportError) or type(error).__name__ == "DependencyNotInstalled"
 
 
 def refusal(error, lock, interpreter):
-    """What cannot be used, for the program that asked. Where a module cannot be imported, and a package of the lock
-    file is not there, it is this machine that lacks something, and neither the study nor its code is wrong."""
+    """The refusal for the program that asked. If a module cannot be imported and a package of the lock file is
+    missing, this machine lacks a package, and neither the study nor its code is wrong."""
     key, lacks = getattr(error, "key", "make"), getattr(error, "lacks", False)
     problem = str(error) if isinstance(error, Refused) else told(error)
     cause = error.__cause__ if isinstance(error, Refused) else error

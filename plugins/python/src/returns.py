@@ -4,7 +4,7 @@
 
 
 class Metrics:
-    """Entries of `info` that the study takes as metrics, by name, with how steps become an episode."""
+    """Entries of `info` that the study takes as metrics, by name, with their reduction over an episode."""
 
     def __init__(self, taken):
         self.taken, self.size = sorted(taken.items()), len(taken)
@@ -14,7 +14,7 @@ class Metrics:
             if name in info:
                 row[at] = number(info[name], f"`{name}` of {whose}")
             elif how == "last" and not has_ended:
-                # The last step alone counts.
+                # Only the last step counts.
                 row[at] = 0.0
             else:
                 known = ", ".join(map(str, info)) or "nothing"
@@ -22,7 +22,7 @@ class Metrics:
 
 
 def number(value, place):
-    """A number as Gymnasium knows it: of Python or of numpy, maybe in an array of one entry."""
+    """A number as Gymnasium accepts it: of Python or numpy, possibly in an array of one entry."""
     if type(value) is float:
         return value
     import numpy
@@ -51,7 +51,7 @@ def note(known, doubts):
 
 
 def pair_of(returned, what):
-    """What `reset` returns."""
+    """The checked result of `reset`."""
     if not isinstance(returned, tuple) or len(returned) != 2:
         raise ValueError(
             f"reset returned no pair of {what[0]} and {what[1]}, but {in_words(returned)}: since version "
@@ -61,7 +61,7 @@ def pair_of(returned, what):
 
 
 def five_of(returned, names):
-    """What `step` returns."""
+    """The checked result of `step`."""
     if not isinstance(returned, tuple) or len(returned) != 5:
         found = f"{len(returned)} values" if isinstance(returned, (tuple, list)) else in_words(returned)
         raise ValueError(f"step returned {found} in place of {names}")
@@ -75,14 +75,14 @@ def dictionary(value, place):
 
 
 class Single:
-    """How an environment of Gymnasium is started and stepped."""
+    """Starts and steps an environment of Gymnasium."""
 
     def __init__(self, environment, metrics):
         self.observation = numbers_of(environment.observation_space, "the observation", False)
         self.action = numbers_of(environment.action_space, "the action", True)
         self.metrics, self.after = Metrics(metrics), 2 + self.observation.size
         self.asked, self.answered = self.action.size, self.after + self.metrics.size
-        # What was seen that can be doubted; looked for by a rehearsal alone.
+        # Doubts about usable results, which only a rehearsal collects.
         self.doubts = None
 
     def face(self):
@@ -117,7 +117,7 @@ class Single:
 
 
 class Parallel:
-    """How an environment of PettingZoo's parallel interface is started and stepped: a seat for each agent."""
+    """Starts and steps an environment of PettingZoo's parallel interface, with a seat for each agent."""
 
     def __init__(self, environment, metrics):
         self.agents = list(environment.possible_agents)
@@ -224,7 +224,7 @@ MOST_OF_STATE = 10_000
 
 
 def state_of(environment):
-    """The numbers of the full state; `None` where the environment declares none that can be used."""
+    """The numbers of the full state; `None` if the environment declares no usable one."""
     from gymnasium import spaces
 
     space = getattr(environment, "state_space", None)

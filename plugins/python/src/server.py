@@ -2,16 +2,16 @@
 
 # --- Environments of a trial ------------------------------------------------------------------------------------
 
-# Blocks in the shared memory; their list of requests stands before them.
+# Number of blocks in the shared memory, after the list of their requests.
 MOST_ENVIRONMENTS = 8192
 # Kinds of request.
 STEP, RESET, RENEW = 1, 2, 3
-# How an episode stands.
+# State of an episode.
 GOING_ON, TERMINATED, TRUNCATED = 0, 1, 2
-# Steps of a rehearsal, and how long a copy may take for them.
+# Steps of a rehearsal, and the time limit of a copy for them.
 REHEARSED_STEPS = 10
 PATIENCE_S = 300
-# Steps after which an episode that has not ended is remarked on, where they take no longer than this.
+# Steps after which an unfinished episode gets a remark, if they take no longer than this time.
 MANY_STEPS, MANY_STEPS_S = 10_000, 2.0
 
 
@@ -42,7 +42,7 @@ class Server:
         return {"memory": self.path, "remove": self.remove, **self.kind.face()}
 
     def answer_requests(self):
-        """Does what lies in shared memory, for all environments that wait."""
+        """Carries out the requests in shared memory, for all waiting environments."""
         kind, first_answer = self.kind, 2 + self.kind.asked
         for slot in self.requests[1 : 1 + self.requests[0]].tolist():
             block = self.blocks[slot]
@@ -58,9 +58,9 @@ class Server:
                 kind.reset(self.environments[slot], int(block[1]), row)
 
     def renew(self, slot):
-        """An environment as it was made: what another one went through does not reach it."""
+        """A new environment, which nothing that happened to another one can influence."""
         if self.first_is_new and slot == 0:
-            # It was made to be looked at.
+            # The first environment is still new: it was made only to read its spaces.
             self.first_is_new = False
             return
         self.close(slot)
@@ -71,7 +71,7 @@ class Server:
             self.environments.pop(slot).close()
 
     def rehearse(self, text):
-        """Answers of a reset and ten steps in an environment of its own."""
+        """Answers to a reset and ten steps in a new environment."""
         try:
             environment = self.make()
             rows = self.ten_steps(environment, struct.unpack("<Q", text)[0], True)
@@ -83,7 +83,7 @@ class Server:
         return b"k", b"".join(rows)
 
     def doubt(self, text):
-        """What can be used and is not as it is declared, a line each, in one more rehearsal that goes on to the end of an
+        """Usable results that differ from the declaration, a line each, in a further rehearsal up to the end of an
         episode."""
         self.kind.doubts = {}
         environment = self.make()
@@ -99,7 +99,7 @@ class Server:
         return b"k", "\n".join(doubts).encode()
 
     def ends(self, environment, rows):
-        """Whether an episode ends within many steps, as far as that can be told in short time."""
+        """Whether an episode ends within many steps, if that can be found in a short time."""
         import numpy
 
         if any(numpy.frombuffer(row)[0] != GOING_ON for row in rows):
@@ -112,7 +112,7 @@ class Server:
         return False
 
     def ten_steps(self, environment, seed, begins):
-        """Answers of ten steps with drawn actions, with a reset where an episode begins."""
+        """Answers to ten steps with random actions, with a reset at the start of an episode."""
         import numpy
 
         random, rows, standing = numpy.random.default_rng(seed), [], TERMINATED if begins else GOING_ON
@@ -128,7 +128,7 @@ class Server:
         return rows
 
     def snapshot(self, text):
-        """An environment as bytes from which it continues alike, or why there are none."""
+        """An environment as bytes from which it continues identically, or the reason why there are none."""
         slot = struct.unpack("<Q", text)[0]
         environment = self.environments[slot]
         try:
@@ -140,7 +140,7 @@ class Server:
         return b"k", state
 
     def continues_alike(self, environment, state):
-        """Tried in a copy of this process, so that the environment itself goes on untouched."""
+        """Tests it in a copy of this process, so that the environment itself stays unchanged."""
         reader, writer = os.pipe()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)
@@ -183,7 +183,7 @@ class Server:
 
 
 def shared_memory(size):
-    """A handle, a path by which the other side opens the same, and whether the path is a file to be removed."""
+    """A handle, the path for the other side, and whether the path is a file to be removed."""
     if hasattr(os, "memfd_create"):
         handle = os.memfd_create("regimen")
         path, remove = f"/proc/{os.getpid()}/fd/{handle}", False

@@ -4,7 +4,7 @@
 
 
 def serve(link, held):
-    """Answers until nobody asks any more: one byte for what lies in shared memory, or a byte and a text."""
+    """Answers until the last request: one byte for requests in shared memory, or a byte and a text."""
     commands = held.commands()
     while byte := link.byte():
         text = None if byte == b"s" else link.text()
@@ -19,14 +19,14 @@ def serve(link, held):
 
 
 def main():
-    # A signal to the whole group of processes is not ours to answer.
+    # This process ignores signals to the whole process group.
     for name in ("SIGINT", "SIGTERM", "SIGUSR1"):
         signal.signal(getattr(signal, name), signal.SIG_IGN)
     guard()
-    # The folder in which the program runs is no part of the sources.
+    # The folder in which the program runs is not part of the sources.
     sys.path[:] = [path for path in sys.path if path]
     link = Link()
-    # Awake: what this process starts is minded from here on.
+    # Awake: from here on the guard ends all processes that this one starts.
     link.say(b"w")
     asked = json.loads(link.text())
     try:
@@ -39,7 +39,7 @@ def main():
     try:
         serve(link, held)
     except SystemExit as left:
-        # Told as an exit code: an environment may leave, but not to be followed by another one.
+        # The exit of an environment becomes the exit code of this process.
         os._exit(left.code if isinstance(left.code, int) else 1)
     os._exit(0)
 

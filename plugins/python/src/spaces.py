@@ -3,7 +3,7 @@
 # --- Spaces as numbers ---------------------------------------------------------------------------------------
 
 
-# How far beside its limits an entry may lie: the last bits of single precision.
+# Tolerance for an entry outside its limits: the last bits of single precision.
 ROUNDING = 1e-6
 
 
@@ -42,7 +42,7 @@ class BoxNumbers:
                 "highest value. Give it limits, as gymnasium.wrappers.RescaleAction does",
             )
         self.middle, self.half = (low + high) / 2, (high - low) / 2
-        # Rounding is monotone, so that only limits which are not met exactly can be passed.
+        # Rounding is monotone, so only limits that are not met exactly can be exceeded.
         exact = (self.middle + self.half == high).all() and (self.middle - self.half == low).all()
         self.limits = None if exact else (low, high)
 
@@ -63,7 +63,7 @@ class BoxNumbers:
         row[:] = entries.reshape(-1)
 
     def doubts(self, value, row):
-        """What differs from the space and can be used all the same."""
+        """Usable values that differ from the space."""
         import numpy
 
         if getattr(value, "shape", self.shape) != self.shape:
@@ -90,8 +90,8 @@ class BoxNumbers:
 
 
 class ChoiceNumbers:
-    """Choices among options: the index of each in an action, one number per option in an observation, 1 for the one
-    that holds."""
+    """Choices among options: the index of each in an action, one number per option in an observation, 1 for the
+    chosen one."""
 
     def __init__(self, counts, starts, name, place, is_action, is_one):
         self.counts, self.starts, self.place, self.is_one = counts, starts, place, is_one
@@ -204,7 +204,7 @@ def with_names_of_their_own(numbers, place):
 
 
 def finite(limit):
-    """A limit, `None` where there is none; the largest numbers of single precision stand for none too."""
+    """A limit; `None` without one, or for the largest numbers of single precision, which mean no limit."""
     return limit if abs(limit) < 1e30 else None
 
 
@@ -215,7 +215,7 @@ def form(numbers, is_action):
 
 
 def in_words(value):
-    """What was returned, as a message names it."""
+    """A returned value, as messages describe it."""
     import numpy
 
     if isinstance(value, numpy.ndarray) and value.ndim:

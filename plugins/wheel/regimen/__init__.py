@@ -8,8 +8,8 @@
 
     trial = regimen.trial()                                         # of a program that is an agent of a study
 
-Names and configs are those of a study. `gymnasium.make("regimen/battery-v2", config={"cells": 4})` makes the same; the
-version is that of the environment's numbers.
+Names and configs are those of a study. `gymnasium.make("regimen/battery-v2", config={"cells": 4})` makes the same
+environment; its version is the version of the environment's numbers.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ __all__ = [
 
 
 def collect(study, *, profile=None, set=(), store=None):
-    """The trials of a study: for each what it is, how it ended (`None` where it has not run), and the mean of every metric
-    of its final measurement, in one flat mapping, as `pandas.DataFrame` takes them.
+    """The trials of a study: for each its names and seed, its end state (`None` if it has not run), and the mean of
+    every metric of its final measurement, in one flat mapping, as `pandas.DataFrame` takes them.
 
-    `profile` and `set` are those of `regimen run`; the store is that of the machine where none is named. Nothing is run.
-    Raises `ConfigError` in the words of `regimen check`.
+    `profile` and `set` are those of `regimen run`; the store is that of the machine unless one is named. Nothing is
+    run. Raises `ConfigError` in the words of `regimen check`.
     """
     sets = [set] if isinstance(set, str) else list(set)
     rows = json.loads(_collect(os.fspath(study), profile, sets, None if store is None else os.fspath(store)))
@@ -69,14 +69,14 @@ def environments():
 def make(name, config=None, *, render_mode=None):
     """An environment of one agent.
 
-    `config` is a mapping with the keys of a study, or the path of a YAML file with them; what is left out has its default.
-    Raises `ConfigError`, which says in the words of `regimen check` what is wrong and what to write instead.
+    `config` is a mapping with the keys of a study, or the path of a YAML file with them; keys that are left out have
+    their defaults. Raises `ConfigError`, which names the problem and the remedy in the words of `regimen check`.
     """
     return SimulatedEnv(name, config, render_mode=render_mode)
 
 
 def make_vec(name, config=None, *, num_envs=1, autoreset_mode=AutoresetMode.NEXT_STEP, render_mode=None):
-    """As many environments of one agent as `num_envs`, stepped in one call."""
+    """`num_envs` environments of one agent, stepped in one call."""
     return SimulatedVectorEnv(name, config, num_envs=num_envs, autoreset_mode=autoreset_mode, render_mode=render_mode)
 
 

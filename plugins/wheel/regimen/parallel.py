@@ -13,7 +13,8 @@ from .spaces import as_space, as_value, n_observed, observed
 class SimulatedParallelEnv(ParallelEnv):
     """A simulator with several agents, all of which stay until the episode ends.
 
-    Seeds and episodes are those of `SimulatedEnv`. The metrics of a step belong to all agents, and stand in the `infos` of each.
+    Seeds and episodes are those of `SimulatedEnv`. The metrics of a step belong to all agents, and are in the `infos`
+    of each.
     """
 
     def __init__(self, name, config=None, *, render_mode=None):

@@ -1,4 +1,4 @@
-"""What all interfaces share: a row of environments in Rust, and the arrays that pass to it and back."""
+"""The common part of all interfaces: a row of environments in Rust, and the arrays that pass to it and back."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class Simulation:
         return observations
 
     def step(self, actions):
-        """Observations, rewards, metrics, how episodes stand, and last observations, a row per environment each.
+        """Observations, rewards, metrics, states of episodes, and last observations, a row per environment each.
 
-        They lie in one new array, so that whoever keeps them keeps what nobody else writes to.
+        They are views of one new array, which is never written to again.
         """
         outcome = np.empty(self._total)
         self.native.step(np.asarray(actions, np.float64, order="C").reshape(-1), outcome)

@@ -12,9 +12,10 @@ from .spaces import as_space, as_value, observed
 class SimulatedEnv(gymnasium.Env):
     """A simulator with one agent.
 
-    `reset(seed=s)` draws what `regimen rollout NAME --seed s` draws, so that the same actions come to the same bits; without a
-    seed the stream goes on. `reset(seed=s, options={"episode": k})` begins episode `k` of the final measurement of a trial
-    with seed `s` of this config, as `regimen rollout --trial ID --episode k` plays it. `info` holds the metrics of the step.
+    `reset(seed=s)` makes the same draws as `regimen rollout NAME --seed s`, so that the same actions give the same bits;
+    without a seed the stream continues. `reset(seed=s, options={"episode": k})` begins episode `k` of the final
+    measurement of a trial with seed `s` of this config, as `regimen rollout --trial ID --episode k` plays it. `info` holds
+    the metrics of the step.
     """
 
     metadata = {"render_modes": []}
@@ -28,7 +29,7 @@ class SimulatedEnv(gymnasium.Env):
         self.observation_space = observed(self.seat["observation"])
         self.action_space = as_space(self.seat["action"])
         self._has_seed = False
-        # The seed of the trial in which it is learned, where it is that of a trial.
+        # The seed of the trial whose learning environment this is; `None` outside a trial.
         self._learns = None
 
     def reset(self, *, seed=None, options=None):
@@ -49,5 +50,5 @@ class SimulatedEnv(gymnasium.Env):
         return observation, float(rewards[0, 0]), bool(standing == TERMINATED), bool(standing == TRUNCATED), info
 
     def state(self):
-        """The full state, which no ordinary policy sees; empty where the simulator declares none."""
+        """The full state, which no ordinary policy sees; empty if the simulator declares none."""
         return np.array(self._simulation.native.state(0))

@@ -1,4 +1,4 @@
-"""Spaces of the simulators as Gymnasium's, and values of the one as values of the other."""
+"""Conversion between spaces and values of the simulators and those of Gymnasium."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from gymnasium.vector.utils import batch_space
 
-# As the simulators themselves check it.
+# The tolerance of the simulators themselves.
 SUM_TOLERANCE = 1e-6
 
 
 class Simplex(Box):
     """Non-negative entries that sum to 1 along the last axis, as shares of a load.
 
-    A `Box` to whoever asks, so that libraries which know boxes take it; samples are uniform on the simplex. What a box
-    contains is no share in general: `from_logits` lets agents of boxes act here.
+    It is a `Box`, so that libraries that know boxes accept it; samples are uniform on the simplex. A vector of a box
+    is generally not an allocation: `from_logits` lets agents for boxes act here.
     """
 
     def __init__(self, shape, seed=None):
@@ -52,14 +52,14 @@ def as_space(form):
 
 
 def observed(form):
-    """A space as it is observed: choices as a number per option."""
+    """The observation form of a space: choices as a number per option."""
     if form["kind"] == "choices":
         return Box(-1.0, 1.0, (len(form["names"]),), np.float64)
     return as_space(form)
 
 
 def as_value(space, numbers):
-    """An observation, or a row of them, from the numbers of it."""
+    """An observation, or a row of them, from its numbers."""
     if isinstance(space, Box):
         return numbers
     indices = numbers.astype(np.int64)
@@ -67,7 +67,7 @@ def as_value(space, numbers):
 
 
 def n_observed(form):
-    """Numbers of an observation."""
+    """Number of entries of an observation."""
     return 1 if form["kind"] == "discrete" else len(form["names"])
 
 

@@ -36,7 +36,7 @@ class SimulatedVectorEnv(VectorEnv):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._names = [(name, f"_{name}") for name in self._simulation.metrics]
         self._has_seed = False
-        # The seed of the trial in which they are learned, where they are those of a trial.
+        # The seed of the trial whose learning environments these are; `None` outside a trial.
         self._learns = None
 
     def reset(self, *, seed=None, options=None):
@@ -53,7 +53,7 @@ class SimulatedVectorEnv(VectorEnv):
             super().reset(seed=int(seed))
             seed = [int(seed) + place for place in range(self.num_envs)]
         elif seed is None:
-            # Streams that never began are given a seed by chance, as Gymnasium does it.
+            # Streams that never began get a random seed, as in Gymnasium.
             seed = [None if self._has_seed else int(self.np_random.integers(2**63)) for _ in range(self.num_envs)]
         if len(seed) != self.num_envs:
             raise ValueError(f"{len(seed)} seeds for {self.num_envs} environments")
@@ -72,14 +72,14 @@ class SimulatedVectorEnv(VectorEnv):
         return observations, rewards, terminations, truncations, infos
 
     def _of_all(self, metrics):
-        """Metrics of a step in which no episode ended or began, as nearly all are."""
+        """Metrics of a step in which no episode ended or began, which is the usual case."""
         infos = {}
         for place, (name, masked) in enumerate(self._names):
             infos[name], infos[masked] = metrics[:, place], np.ones(self.num_envs, bool)
         return infos
 
     def _infos(self, metrics, standing, ended, last):
-        """Metrics with masks; where episodes end and begin in one step, those of the last step stand in `final_info`."""
+        """Metrics with masks; if episodes end and begin in one step, those of the last step are in `final_info`."""
         if self.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP:
             return self._masked(metrics, standing != BEGAN)
         infos = self._masked(metrics, ~ended)
