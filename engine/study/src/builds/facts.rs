@@ -1,4 +1,4 @@
-//! Facts on the environments of a study: they are made and tried out, unless their announcements are known.
+//! Facts on the environments of a study. An environment is made and tried out, unless its announcement is known.
 
 use super::{BuildResult, Builder, built};
 use crate::cell::Cell;
