@@ -60,7 +60,7 @@ fn lines<'a>(
         })
 }
 
-/// Lines of points, whose places have the names of the axis where it has names.
+/// Lines of points; their places have the names of the axis if it has names.
 pub(super) fn of_points<'a>(points: &'a [Point], x: &'a Scale, run: &'a str) -> Rows<'a> {
     Box::new(points.iter().map(move |point| of_point(point, x, run)))
 }

@@ -50,7 +50,7 @@ impl<'a> CompletedSettings<'a> {
         Ok(searched)
     }
 
-    /// The keys by their last words, or in full where last words are not unique.
+    /// The keys by their last words, or in full if last words are not unique.
     pub(super) fn keys(&self) -> Vec<&'a str> {
         let all: Vec<&str> = self
             .result

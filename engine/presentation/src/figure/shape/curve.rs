@@ -25,7 +25,7 @@ pub struct Curve {
     pub runs: Vec<RunLine>,
     /// Runs that are not drawn; the page shows them on request.
     pub undrawn: Vec<RunLine>,
-    /// The statistic of the line over the last values of the runs, where some runs go on after the line ends.
+    /// The statistic of the line over the last values of the runs, if some runs continue after the line ends.
     pub at_the_ends: Option<f64>,
 }
 
