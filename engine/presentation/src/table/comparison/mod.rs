@@ -36,42 +36,42 @@ pub struct Comparison {
     pub columns: Option<TableAxis>,
     /// The metric.
     pub value: String,
-    /// How the seeds become one number.
+    /// Statistic that reduces the seeds to one number.
     pub statistic: Statistic,
-    /// Take the mean of the last so many measurements during learning (up to each of `at_steps`) in place of
-    /// the final one.
+    /// Take the mean of this number of last measurements during learning (up to each of `at_steps`) instead of the
+    /// final one.
     #[schemars(range(min = 1))]
     pub last: Option<u64>,
-    /// Take the root of the mean square over the episodes of the final measurement in place of their mean, as for
-    /// errors that are roots of mean squares themselves.
+    /// Take the root of the mean square over the episodes of the final measurement instead of their mean, as for errors
+    /// that are themselves roots of mean squares.
     pub root_mean_square: bool,
     /// Take the environment steps until the moving average of the measurements during learning is above this
     /// value.
     pub steps_until_above: Option<f64>,
-    /// Make these environment steps the columns: what was measured there during learning, the final
-    /// measurement of agents that do not learn. A column that no trial trains for is empty.
+    /// Make these environment steps the columns: the measurements there during learning, and the final measurement of
+    /// agents that do not learn. A column that no trial is trained for is empty.
     pub at_steps: Vec<u64>,
     /// Weight of the past in the moving average of `steps_until_above`, 0.9 where absent, and of `at_steps`,
     /// 0 where absent.
     #[schemars(range(min = 0.0, max = 0.999))]
     pub smooth: Option<f64>,
-    /// Take the seeds with success alone, where the study says what success is.
+    /// Take only the seeds with success, where the study defines success.
     pub given_success: bool,
     /// Print the environment steps and updates of each agent beside its name.
     pub budgets: bool,
     /// The agent that the others are compared with.
     pub relative_to: Option<String>,
-    /// How the comparison is written.
+    /// Form in which the comparison is written.
     #[serde(rename = "as")]
     pub form: Option<Form>,
-    /// Which agents, in this order; all where empty.
+    /// Agents to show, in this order; all where empty.
     pub agents: Vec<String>,
-    /// Which environments, in this order; all where empty.
+    /// Environments to show, in this order; all where empty.
     pub environments: Vec<String>,
     /// Digits after the decimal point.
     #[schemars(range(max = 9))]
     pub decimals: Option<usize>,
-    /// Digits of every number, which has a power of ten: for values of many sizes.
+    /// Number of digits of every number, written with a power of ten: for values of very different sizes.
     #[schemars(range(min = 1, max = 10))]
     pub significant_digits: Option<usize>,
     /// Names to print instead of the study's own.
@@ -104,7 +104,7 @@ impl Default for Comparison {
 }
 
 impl Comparison {
-    /// The form of the values: the given one, else a percentage where they are compared with an agent.
+    /// The form of the values: the given one, or else a percentage if they are compared with an agent.
     #[must_use]
     pub fn resolved_form(&self) -> Form {
         self.form.unwrap_or(if self.relative_to.is_some() {
@@ -242,7 +242,7 @@ impl Table for Improvement {
     }
 }
 
-/// How the seeds become one number.
+/// Statistic that reduces the seeds to one number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Statistic {
@@ -256,7 +256,7 @@ pub enum Statistic {
 }
 
 impl Statistic {
-    /// The statistic's name in words.
+    /// The statistic's name as text.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -267,7 +267,7 @@ impl Statistic {
     }
 }
 
-/// How a comparison with `relative_to` is written.
+/// Form in which a comparison with `relative_to` is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Form {
