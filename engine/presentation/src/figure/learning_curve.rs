@@ -36,7 +36,7 @@ pub struct LearningCurve {
     /// Whether each seed is drawn as a thin line: `true`, `false`, or `auto` for panels in which an agent has
     /// at most five.
     pub seeds: SeedLines,
-    /// Which agents, in this order; all where empty. Agents that do not learn have short dashes.
+    /// Agents to show, in this order; all where empty. Agents that do not learn have short dashes.
     pub agents: Vec<String>,
     /// Environments to show, one panel each; all where empty.
     pub environments: Vec<String>,

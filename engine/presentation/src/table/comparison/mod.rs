@@ -36,42 +36,42 @@ pub struct Comparison {
     pub columns: Option<TableAxis>,
     /// The metric.
     pub value: String,
-    /// Statistic that reduces the seeds to one number.
+    /// How the seeds become one number.
     pub statistic: Statistic,
-    /// Take the mean of this number of last measurements during learning (up to each of `at_steps`) instead of the
-    /// final one.
+    /// Take the mean of the last so many measurements during learning (up to each of `at_steps`) in place of
+    /// the final one.
     #[schemars(range(min = 1))]
     pub last: Option<u64>,
-    /// Take the root of the mean square over the episodes of the final measurement instead of their mean, as for errors
-    /// that are themselves roots of mean squares.
+    /// Take the root of the mean square over the episodes of the final measurement in place of their mean, as for
+    /// errors that are roots of mean squares themselves.
     pub root_mean_square: bool,
     /// Take the environment steps until the moving average of the measurements during learning is above this
     /// value.
     pub steps_until_above: Option<f64>,
-    /// Make these environment steps the columns: the measurements there during learning, and the final measurement of
-    /// agents that do not learn. A column that no trial is trained for is empty.
+    /// Make these environment steps the columns: what was measured there during learning, the final
+    /// measurement of agents that do not learn. A column that no trial trains for is empty.
     pub at_steps: Vec<u64>,
     /// Weight of the past in the moving average of `steps_until_above`, 0.9 where absent, and of `at_steps`,
     /// 0 where absent.
     #[schemars(range(min = 0.0, max = 0.999))]
     pub smooth: Option<f64>,
-    /// Take only the seeds with success, where the study defines success.
+    /// Take the seeds with success alone, where the study says what success is.
     pub given_success: bool,
     /// Print the environment steps and updates of each agent beside its name.
     pub budgets: bool,
     /// The agent that the others are compared with.
     pub relative_to: Option<String>,
-    /// Form in which the comparison is written.
+    /// How the comparison is written.
     #[serde(rename = "as")]
     pub form: Option<Form>,
-    /// Agents to show, in this order; all where empty.
+    /// Which agents, in this order; all where empty.
     pub agents: Vec<String>,
-    /// Environments to show, in this order; all where empty.
+    /// Which environments, in this order; all where empty.
     pub environments: Vec<String>,
     /// Digits after the decimal point.
     #[schemars(range(max = 9))]
     pub decimals: Option<usize>,
-    /// Number of digits of every number, written with a power of ten: for values of very different sizes.
+    /// Digits of every number, which has a power of ten: for values of many sizes.
     #[schemars(range(min = 1, max = 10))]
     pub significant_digits: Option<usize>,
     /// Names to print instead of the study's own.
@@ -242,7 +242,7 @@ impl Table for Improvement {
     }
 }
 
-/// Statistic that reduces the seeds to one number.
+/// How the seeds become one number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Statistic {

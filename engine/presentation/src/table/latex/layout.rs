@@ -16,7 +16,7 @@ pub struct LatexLayout {
     /// Values among which the best one is sought; those of a row where rows are environments, else those of a column.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub best_of: Option<BestScope>,
-    /// Form in which a value and its interval are written.
+    /// How a value and its interval are written.
     pub value: ValueForm,
     /// Print the verdicts on published values, and their rules.
     pub verdicts: bool,
@@ -68,7 +68,7 @@ pub enum BestScope {
     Column,
 }
 
-/// Form in which a value and its interval are written.
+/// How a value and its interval are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ValueForm {
