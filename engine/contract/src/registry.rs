@@ -19,7 +19,7 @@ use std::{
     collections::{BTreeMap, HashMap},
 };
 
-/// As [`Resolve`], for an agent that trains itself, by how it is measured.
+/// Like [`Resolve`], for an agent that trains itself, by how it is measured.
 pub type ResolveOwn =
     Box<dyn Fn(&CompleteConfig, Option<Measured>) -> Result<CompleteConfig, serde_json::Error> + Send + Sync>;
 /// Whether an agent whose code is not this program's own learns, and the metrics that it records, by its config. The
@@ -88,7 +88,7 @@ pub struct ProtocolEntry {
     /// The config for an agent that does not learn: measurements alone, at the steps at which learning agents are
     /// measured, so that its trials do not depend on the rest of a training budget.
     pub without_training: Resolve<CompleteConfig>,
-    /// The config for an agent that trains itself: its steps, and the steps between measurements. `None` where the
+    /// The config for an agent that trains itself: its steps, and the steps between measurements. `None` if the
     /// protocol has no form for such agents.
     pub own_training: Option<ResolveOwn>,
 }
@@ -112,7 +112,7 @@ pub struct Registry {
     /// Raised whenever numerical code that plugins share changes the numbers of trials: the engine's own
     /// [`NUMERICS_VERSION`], and that of every crate that [`shares`](Self::shares) with several plugins.
     pub numerics_version: u32,
-    /// The source code that the program was built from; `None` where that is unknown.
+    /// The source code that the program was built from; `None` if that is unknown.
     pub build: Option<crate::Build>,
     /// Environment and agent of the study that `new` writes where the command names neither.
     pub first_study: Option<(&'static str, &'static str)>,
@@ -214,7 +214,7 @@ impl Registry {
     /// Registers an environment.
     ///
     /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
+    /// If the name is taken: a mistake in the program, found by every test.
     pub fn environment<C: Config>(
         &mut self,
         name: &'static str,
@@ -236,7 +236,7 @@ impl Registry {
     /// Registers an agent.
     ///
     /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
+    /// If the name is taken: a mistake in the program, found by every test.
     pub fn agent<C: Config>(
         &mut self,
         name: &'static str,
@@ -265,7 +265,7 @@ impl Registry {
     /// Registers a protocol. `without_training` is the config that an agent which does not learn gets.
     ///
     /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
+    /// If the name is taken: a mistake in the program, found by every test.
     pub fn protocol<C: Config>(
         &mut self,
         name: &'static str,
@@ -306,7 +306,7 @@ impl Registry {
     /// Registers a form of policy files, so that `export` can write policies of it for other runtimes.
     ///
     /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
+    /// If the name is taken: a mistake in the program, found by every test.
     pub fn policy_form(&mut self, name: &'static str, read: ReadPolicies) {
         assert!(
             self.policy_forms

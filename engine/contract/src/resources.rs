@@ -106,7 +106,7 @@ impl Capacity {
 pub struct Share {
     /// Number of cores that it may use.
     pub cores: u32,
-    /// The cards that it sees; `None` where it sees all cards of the machine.
+    /// The cards that it sees; `None` if it sees all cards of the machine.
     pub gpus: Option<Vec<String>>,
 }
 
@@ -149,7 +149,7 @@ impl Pool {
         self.cores == 0
     }
 
-    /// Takes the share that a trial needs; `None` where it is not free.
+    /// Takes the share that a trial needs; `None` if it is not free.
     pub fn take(&mut self, needs: &Needs) -> Option<Share> {
         let cards = self.free_cards(needs)?;
         self.cores = self.cores.checked_sub(needs.cores as usize)?;

@@ -120,7 +120,7 @@ impl SweepPoint {
         }
     }
 
-    /// The value of the key with this [name](KeyMatch::of); `None` where it is that of no key or of several.
+    /// The value of the key with this [name](KeyMatch::of); `None` if it is that of no key or of several.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<&Value> {
         Some(&self.entries[self.place(name)?].value)

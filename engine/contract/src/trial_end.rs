@@ -65,7 +65,7 @@ pub struct TrialEnd {
     pub reason: String,
     /// Wall-clock time of the trial, in seconds.
     pub wall_s: f64,
-    /// Mean wall-clock time of a decision of the final measurement, in seconds; `None` where none was made.
+    /// Mean wall-clock time of a decision of the final measurement, in seconds; `None` if none was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decision_s: Option<f64>,
     /// Name of the device on which the run computed learners, for many trials at once, so that `wall_s` tells nothing of a

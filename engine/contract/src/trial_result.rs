@@ -17,7 +17,7 @@ use std::{collections::BTreeMap, sync::Arc};
 pub struct TrialResult {
     /// The trial, which the plan has as well.
     pub trial: Arc<Trial>,
-    /// How it ended; `None` where it has not run.
+    /// How it ended; `None` if it has not run.
     pub end: Option<Box<TrialEnd>>,
     /// Metric names that `rows` point into; trials with the same ones share them.
     pub names: Arc<Vec<String>>,
@@ -60,7 +60,7 @@ impl TrialResult {
         self.end.as_deref().is_some_and(|end| end.state == EndState::Ok)
     }
 
-    /// Number of updates that the agent had made at the end; `None` where it does not learn, and where nothing was
+    /// Number of updates that the agent had made at the end; `None` if it does not learn, and where nothing was
     /// recorded.
     #[must_use]
     pub fn updates(&self) -> Option<f64> {
@@ -73,7 +73,7 @@ impl TrialResult {
         self.updates().is_some() || self.select(Phase::Final, OWN_STEPS).next().is_some()
     }
 
-    /// Whether the trial was a success; `None` where the study does not define success, and where nothing was recorded.
+    /// Whether the trial was a success; `None` if the study does not define success, and where nothing was recorded.
     #[must_use]
     pub fn succeeded(&self) -> Option<bool> {
         self.mean(Phase::Final, SUCCESS).map(|share| share > 0.5)
@@ -137,7 +137,7 @@ impl TrialResult {
             .filter(move |row| row.phase == phase && Some(usize::from(row.metric)) == index)
     }
 
-    /// Mean of a metric over the episodes (and seats) of a phase; `None` where nothing was recorded.
+    /// Mean of a metric over the episodes (and seats) of a phase; `None` if nothing was recorded.
     #[must_use]
     pub fn mean(&self, phase: Phase, metric: &str) -> Option<f64> {
         let (sum, count) = self
@@ -146,7 +146,7 @@ impl TrialResult {
         (count > 0).then(|| sum / f64::from(count))
     }
 
-    /// Mean of a metric over the episodes of the measurement at a step while learning; `None` where it was not made.
+    /// Mean of a metric over the episodes of the measurement at a step while learning; `None` if it was not made.
     #[must_use]
     pub fn measured_at(&self, metric: &str, step: u64) -> Option<f64> {
         let curve = self.curve(Phase::Evaluate, metric);
@@ -156,8 +156,8 @@ impl TrialResult {
             .map(|(_, value)| value)
     }
 
-    /// Root of the mean square of a metric over the episodes (and seats) of a phase; `None` where nothing was
-    /// recorded. A record that holds means over episodes has it as a metric of its own.
+    /// Root of the mean square of a metric over the episodes (and seats) of a phase; `None` if nothing was recorded. A
+    /// record that holds means over episodes has it as a metric of its own.
     #[must_use]
     pub fn root_mean_square(&self, phase: Phase, metric: &str) -> Option<f64> {
         let recorded = root_of_squares(metric);

@@ -13,7 +13,7 @@ use serde_json::Value;
 use std::{collections::BTreeMap, path::Path};
 
 impl TrialKey {
-    /// As [`run_after`](Self::run_after), for a trial that takes no artifact from another one.
+    /// Like [`run_after`](Self::run_after), for a trial that takes no artifact from another one.
     ///
     /// # Errors
     /// As there, and [`Error::Source`] for a trial that takes artifacts.

@@ -112,7 +112,7 @@ impl Sources {
         Some((found.sentence(), self.place(at)))
     }
 
-    /// As [`error`](Self::error), of a setting that can be run and is probably not meant.
+    /// Like [`error`](Self::error), of a setting that can be run and is probably not meant.
     #[must_use]
     pub fn warning(&self, span: Span, path: &str, message: impl Into<String>) -> Diagnostic {
         self.error(span, path, message).as_warning()

@@ -57,7 +57,7 @@ pub type Opened = Take<File>;
 /// length, and may never end.
 ///
 /// # Errors
-/// Where it cannot be opened, is no regular file, or is too large; the message says what helps.
+/// It cannot be opened, is no regular file, or is too large; the message says what helps.
 pub fn open(path: &Path, of: Use) -> io::Result<Opened> {
     let named = fs::metadata(path)?;
     is_regular(named.is_file(), named.is_dir())?;
@@ -74,7 +74,7 @@ pub fn open(path: &Path, of: Use) -> io::Result<Opened> {
 /// The bytes of a file.
 ///
 /// # Errors
-/// As [`open`], and where it grows meanwhile.
+/// The errors of [`open`], and where it grows meanwhile.
 pub fn read(path: &Path, of: Use) -> io::Result<Vec<u8>> {
     rest(open(path, of)?, Vec::new(), of)
 }
@@ -82,7 +82,7 @@ pub fn read(path: &Path, of: Use) -> io::Result<Vec<u8>> {
 /// The content of a file, packed or not, whose first bytes were read.
 ///
 /// # Errors
-/// Where it cannot be read, or is too large.
+/// It cannot be read, or is too large.
 pub fn rest(file: impl io::Read, mut read: Vec<u8>, of: Use) -> io::Result<Vec<u8>> {
     let largest = of.largest_mb() * MEGABYTE;
     file.take((largest + 1).saturating_sub(read.len() as u64))

@@ -8,7 +8,7 @@ pub struct Lookalike {
     pub letter: char,
     /// Name of the letter, with the article.
     pub name: String,
-    /// The letter to write in its place; `None` where it is to be removed.
+    /// The letter to write in its place; `None` if it is to be removed.
     pub instead: Option<char>,
     /// Place in the text, in characters from 0.
     pub index: usize,

@@ -93,7 +93,7 @@ pub fn last_words(output: &str) -> String {
 /// Reads a text as [`brief`] keeps it: another program may have stored it.
 ///
 /// # Errors
-/// Where there is no text.
+/// There is no text.
 pub fn read_brief<'de, D: Deserializer<'de>>(reader: D) -> Result<String, D::Error> {
     Ok(brief(&String::deserialize(reader)?))
 }

@@ -48,7 +48,7 @@ pub trait Device {
     /// Runs a trial whose learners compute on the device.
     ///
     /// # Errors
-    /// [`Error::Device`] where the device is lost while the trial runs.
+    /// [`Error::Device`] if the device is lost while the trial runs.
     fn during(&self, trial: &mut dyn FnMut()) -> Result<(), Error>;
 }
 
@@ -150,7 +150,7 @@ impl Drop for Server {
 /// Drives a device until the input of this process ends.
 ///
 /// # Errors
-/// [`Error::Device`] where there is no such device; what the machine lacks is told to the run that has started this.
+/// [`Error::Device`] if there is no such device; what the machine lacks is told to the run that has started this.
 pub fn serve(registry: &Registry, name: &str, mut input: impl Read + Send + 'static) -> Result<(), Error> {
     let kind = find(registry, name)?;
     outlive_signals()?;
@@ -205,7 +205,7 @@ pub struct Connection {
 /// The device that the value of [`VARIABLE`] names.
 ///
 /// # Errors
-/// [`Error::Device`] where it is unknown or its process cannot be reached.
+/// [`Error::Device`] if it is unknown or its process cannot be reached.
 pub fn connect(registry: &Registry, address: &str) -> Result<Connection, Error> {
     let (name, socket) = address.split_once('=').unwrap_or((address, ""));
     let kind = find(registry, name)?;

@@ -4,8 +4,7 @@ use crate::{limits::Limits, world::fs};
 use contract::trial_end::EndState;
 use std::time::Duration;
 
-/// The limit that a process exceeds, as the end state of its trial and in words; `None` where it exceeds
-/// none.
+/// The limit that a process exceeds, as the end state of its trial and in words; `None` if it exceeds none.
 pub(crate) fn exceeded(limits: &Limits, elapsed: Duration, pid: u32) -> Option<(EndState, String)> {
     if let Some(limit) = limits.wall_time().filter(|limit| elapsed > *limit) {
         return Some((
@@ -67,7 +66,7 @@ fn resident_bytes(pid: u32) -> Option<u64> {
     bytes_of(&format!("/proc/{pid}/status"), ["VmRSS:", "VmSwap:"])
 }
 
-/// As [`resident_bytes`], with shared pages counted by their proportional share.
+/// Like [`resident_bytes`], with shared pages counted by their proportional share.
 fn shared_out_bytes(pid: u32) -> Option<u64> {
     bytes_of(&format!("/proc/{pid}/smaps_rollup"), ["Pss:", "SwapPss:"])
 }

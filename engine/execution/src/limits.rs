@@ -120,7 +120,7 @@ impl Limits {
             .map(|megabytes| megabytes.saturating_mul(1_000_000))
     }
 
-    /// Wait before the next attempt after `attempts` of them; `None` where the end is final.
+    /// Wait before the next attempt after `attempts` of them; `None` if the end is final.
     #[must_use]
     pub fn retry_after(&self, end: EndState, attempts: u32) -> Option<Duration> {
         let again = self

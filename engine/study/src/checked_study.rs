@@ -32,7 +32,7 @@ pub struct Study {
     pub source: String,
     /// Name of the family of studies whose verdicts are read together; the study is a family of its own if absent.
     pub family: Option<String>,
-    /// Summary of the results, with placeholders; `None` where absent.
+    /// Summary of the results, with placeholders; `None` if absent.
     pub summary: Option<Summary>,
     /// Its lines in the answers of all studies.
     pub answers: Vec<Answer>,

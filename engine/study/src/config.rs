@@ -344,7 +344,7 @@ fn find_files(
     }
 }
 
-/// Span of the value at a dotted key, or of the deepest part of it that is written; `None` where no part is.
+/// Span of the value at a dotted key, or of the deepest part of it that is written; `None` if no part is.
 #[must_use]
 pub fn locate(config: &Node, key: &str) -> Option<Span> {
     let (mut here, mut span) = (config, None);

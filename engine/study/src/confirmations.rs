@@ -56,7 +56,7 @@ pub struct Confirmation {
     /// All seeds that it may use.
     #[serde(skip)]
     pub seeds: Vec<u64>,
-    /// The looks at which seeds are added; `None` where their number is fixed.
+    /// The looks at which seeds are added; `None` if their number is fixed.
     #[serde(skip)]
     pub design: Option<SequentialDesign>,
     /// The smallest difference that matters from now on; `None` if it does not change.

@@ -21,7 +21,7 @@ use std::{collections::BTreeMap, path::Path};
 /// loads to the same trials, and other readers find the same values in it.
 ///
 /// # Errors
-/// [`Error::Render`] where a value has no form in YAML.
+/// [`Error::Render`] if a value has no form in YAML.
 pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
     let texts = [
         ("study", &study.name),
@@ -87,7 +87,7 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
 /// A section as a study has it, in YAML.
 ///
 /// # Errors
-/// [`Error::Render`] where a value has no form in YAML.
+/// [`Error::Render`] if a value has no form in YAML.
 pub fn section_yaml(name: &str, value: Value) -> Result<String, Error> {
     text(&[(name.into(), Section::Plain(value))])
 }

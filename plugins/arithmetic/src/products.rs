@@ -39,7 +39,7 @@ impl<'a> Matrix<'a> {
     /// Matrix `[rows, columns]` from values row by row.
     ///
     /// # Panics
-    /// Where the number of values is not `rows * columns`.
+    /// If the number of values is not `rows * columns`.
     #[must_use]
     pub fn new(values: &'a [f32], rows: usize, columns: usize) -> Self {
         assert_eq!(
@@ -86,7 +86,7 @@ impl<'a> Matrix<'a> {
 /// Product `[a.rows, b.columns]`, row by row.
 ///
 /// # Panics
-/// Where the number of `a`'s columns is not the number of `b`'s rows.
+/// If the number of `a`'s columns is not the number of `b`'s rows.
 #[must_use]
 pub fn product(a: Matrix, b: Matrix) -> Vec<f32> {
     assert_eq!(

@@ -97,7 +97,7 @@ impl Multiplier {
     /// always inlined into functions with wide vectors.
     ///
     /// # Panics
-    /// Where shapes or the length of `product` do not fit.
+    /// If shapes or the length of `product` do not fit.
     pub fn product(
         &mut self,
         a: Matrix,

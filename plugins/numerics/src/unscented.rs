@@ -42,8 +42,7 @@ impl SigmaPoints {
         self.alpha * self.alpha * (d as f64 + self.kappa)
     }
 
-    /// Sigma points of a mean and a covariance, as columns; `None` where the covariance is not positive
-    /// definite.
+    /// Sigma points of a mean and a covariance, as columns; `None` if the covariance is not positive definite.
     fn at(&self, mean: &DVector<f64>, covariance: &DMatrix<f64>) -> Option<Vec<DVector<f64>>> {
         let d = mean.len();
         let root = (covariance * self.scale(d)).cholesky()?.l();

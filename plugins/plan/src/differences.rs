@@ -11,8 +11,8 @@ const STEP: f64 = 1e-5;
 /// `inputs`.
 ///
 /// # Panics
-/// Where the graph has no such routine, output or parameter or none of an input's name, where the routine is not the
-/// last one, and as [`Graph::gradients`] and [`Processor::run`].
+/// If the graph has no such routine, output or parameter or none of an input's name, where the routine is not the last
+/// one, and as [`Graph::gradients`] and [`Processor::run`].
 #[must_use]
 pub fn largest_error(
     mut graph: Graph,

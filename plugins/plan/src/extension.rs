@@ -63,7 +63,7 @@ impl Graph {
     /// Result of an extension.
     ///
     /// # Panics
-    /// Where the operands do not fit, are none, or are more than [`MOST_OPERANDS`].
+    /// If the operands do not fit, are none, or are more than [`MOST_OPERANDS`].
     #[must_use]
     pub fn apply(&mut self, extension: impl Extension + 'static, operands: &[Value]) -> Value {
         let shapes: Vec<Shape> = operands.iter().map(|operand| self.shape(*operand)).collect();

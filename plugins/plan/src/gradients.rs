@@ -11,9 +11,9 @@ impl Graph {
     /// Gradients of `loss` `[1, 1]`, one per wanted value (a parameter, an input or a computed value), in their order.
     ///
     /// # Panics
-    /// Where the loss is no single number or does not depend on a wanted value, where a parameter that the loss was
-    /// computed with has been updated since, and where the loss depends on a wanted value through `Trigamma`,
-    /// the slope of a log-gamma draw, or the slope of a Dirichlet density or entropy.
+    /// If the loss is no single number or does not depend on a wanted value, where a parameter that the loss was
+    /// computed with has been updated since, and where the loss depends on a wanted value through `Trigamma`, the slope
+    /// of a log-gamma draw, or the slope of a Dirichlet density or entropy.
     #[must_use]
     pub fn gradients(&mut self, loss: Value, wanted: &[Value]) -> Vec<Value> {
         assert_eq!(self.shape(loss), [1, 1], "the gradient of {}", self.shown(loss));

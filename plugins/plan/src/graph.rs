@@ -65,7 +65,7 @@ impl Graph {
     /// A matrix that a caller writes before a run.
     ///
     /// # Panics
-    /// Where the name is taken or the shape has no entries.
+    /// If the name is taken or the shape has no entries.
     #[must_use]
     pub fn input(&mut self, name: &str, shape: Shape) -> Value {
         self.leaf(Operation::Input, name, shape)
@@ -74,7 +74,7 @@ impl Graph {
     /// The matrix of a name that stays between runs and that updates change, a part of a [`State`](crate::State).
     ///
     /// # Panics
-    /// Where the name is that of another value or shape, or the shape has no entries.
+    /// If the name is that of another value or shape, or the shape has no entries.
     #[must_use]
     pub fn parameter(&mut self, name: &str, shape: Shape) -> Value {
         let is_it = |node: &Node| node.operation == Operation::Parameter && node.shape == shape;
@@ -85,7 +85,7 @@ impl Graph {
     /// A matrix with given entries, row by row, rounded to the executor's precision.
     ///
     /// # Panics
-    /// Where the number of entries is not that of the shape.
+    /// If the number of entries is not that of the shape.
     #[must_use]
     pub fn constant(&mut self, shape: Shape, entries: &[f64]) -> Value {
         assert_eq!(
@@ -110,7 +110,7 @@ impl Graph {
     /// Begins a routine: operations added from now on belong to it.
     ///
     /// # Panics
-    /// Where the name is taken.
+    /// If the name is taken.
     #[must_use]
     pub fn routine(&mut self, name: &str) -> Routine {
         let is_free = self.routines.iter().all(|other| other.name != name);
@@ -126,7 +126,7 @@ impl Graph {
     /// Names a computed value, which can be read after a run of its routine.
     ///
     /// # Panics
-    /// Where the name is taken, or the value is a leaf or has a name.
+    /// If the name is taken, or the value is a leaf or has a name.
     pub fn output(&mut self, name: &str, value: Value) {
         self.check_name(name);
         let shown = self.shown(value);

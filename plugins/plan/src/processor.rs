@@ -115,7 +115,7 @@ impl<T: Scalar> Processor<T> {
     /// Writes an input row by row.
     ///
     /// # Panics
-    /// Where no input has the name, or the number of entries is not that of its shape.
+    /// If no input has the name, or the number of entries is not that of its shape.
     pub fn write(&mut self, input: &str, entries: &[T]) {
         let own = self.input(input);
         assert_eq!(entries.len(), own.len(), "entries of the input `{input}`");
@@ -125,7 +125,7 @@ impl<T: Scalar> Processor<T> {
     /// Entries of an input row by row, to be written in place.
     ///
     /// # Panics
-    /// Where no input has the name.
+    /// If no input has the name.
     pub fn input(&mut self, input: &str) -> &mut [T] {
         let value = self.named(input);
         let is_input = self.graph.nodes[value.0].operation == Operation::Input;
@@ -136,7 +136,7 @@ impl<T: Scalar> Processor<T> {
     /// Entries of an input or an output row by row; those of an output are of the last run, 0 before it.
     ///
     /// # Panics
-    /// Where no input or output has the name.
+    /// If no input or output has the name.
     #[must_use]
     pub fn entries(&self, name: &str) -> &[T] {
         let value = self.named(name);
@@ -157,7 +157,7 @@ impl<T: Scalar> Processor<T> {
     /// Executes a routine that draws nothing.
     ///
     /// # Panics
-    /// Where the graph has no such routine or it draws, the state lacks a parameter or has another shape of it, or an
+    /// If the graph has no such routine or it draws, the state lacks a parameter or has another shape of it, or an
     /// index of a gather is no whole number or too large.
     pub fn run(&mut self, routine: &str, state: &mut State<T>) {
         let of = self.routine(routine);
@@ -169,7 +169,7 @@ impl<T: Scalar> Processor<T> {
     /// Executes a routine whose draws depend on a seed.
     ///
     /// # Panics
-    /// As [`Processor::run`].
+    /// The errors of [`Processor::run`].
     pub fn run_seeded(&mut self, routine: &str, state: &mut State<T>, seed: u64) {
         self.run_observed(self.routine(routine), state, seed, |_, _| {});
     }
@@ -183,7 +183,7 @@ impl<T: Scalar> Processor<T> {
     /// of times.
     ///
     /// # Panics
-    /// As [`Processor::run`].
+    /// The errors of [`Processor::run`].
     pub fn run_observed(
         &mut self,
         routine: Routine,

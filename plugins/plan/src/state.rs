@@ -81,7 +81,7 @@ impl<T: Scalar> State<T> {
     /// Adds a parameter, or replaces it.
     ///
     /// # Panics
-    /// Where the number of entries is not that of the shape.
+    /// If the number of entries is not that of the shape.
     pub fn insert(&mut self, name: impl Into<String>, shape: Shape, entries: Vec<T>) {
         let name = name.into();
         assert_eq!(
@@ -130,7 +130,7 @@ impl<T: Scalar> State<T> {
     /// Entries of a parameter or moment.
     ///
     /// # Panics
-    /// Where there is none of that name.
+    /// If there is none of that name.
     #[must_use]
     pub fn entries(&self, name: &str) -> &[T] {
         let found = self.tensor(name);
@@ -140,7 +140,7 @@ impl<T: Scalar> State<T> {
     /// Entries of a parameter or moment, which are about to change.
     ///
     /// # Panics
-    /// Where there is none of that name.
+    /// If there is none of that name.
     pub fn entries_mut(&mut self, name: &str) -> &mut [T] {
         let found = self.tensors.iter_mut().find(|tensor| tensor.name == name);
         let tensor = found.unwrap_or_else(|| panic!("no parameter `{name}`"));
@@ -150,10 +150,10 @@ impl<T: Scalar> State<T> {
     /// Replaces the entries of a parameter or moment that is there.
     ///
     /// # Errors
-    /// [`StateError`] where the name or the shape does not fit.
+    /// [`StateError`] if the name or the shape does not fit.
     ///
     /// # Panics
-    /// Where the number of entries is not that of the shape.
+    /// If the number of entries is not that of the shape.
     pub fn replace(&mut self, name: &str, shape: &[usize], entries: Vec<T>) -> Result<(), StateError> {
         let Some((expected, _)) = self.tensor(name) else {
             return Err(StateError::Missing { name: name.into() });

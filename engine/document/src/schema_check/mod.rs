@@ -37,7 +37,7 @@ const OTHER_NAMES: [(&str, &str); 6] = [
     ("n_trials", "settings"),
 ];
 
-/// Name of a key in this place; `None` where it has no other name.
+/// Name of a key in this place; `None` if it has no other name.
 fn renamed(key: &str, place: &View<'_>) -> Option<String> {
     let is_here = |name: &str| place.property_names().contains(&name);
     let (_, name) = OTHER_NAMES
@@ -503,7 +503,7 @@ fn advice(scalar: &Scalar, schema: &View<'_>, option: Option<&str>) -> Option<St
     }
 }
 
-/// The misfit of a text with one of the patterns of names; `None` where it fits.
+/// The misfit of a text with one of the patterns of names; `None` if it fits.
 pub fn mismatch(pattern: &str, text: &str) -> Option<&'static str> {
     if text.len() > LONGEST_NAME && [SLUG, NAME].contains(&pattern) {
         return Some("use at most 100 characters: names are parts of names of files");

@@ -40,7 +40,7 @@ impl<'a> View<'a> {
             .map_or_else(Vec::new, |map| map.keys().map(String::as_str).collect())
     }
 
-    /// The schema of the values under a key; `None` where the key is not allowed.
+    /// The schema of the values under a key; `None` if the key is not allowed.
     #[must_use]
     pub fn property(&self, key: &str) -> Option<View<'a>> {
         if let Some(found) = self.get("properties").and_then(|properties| properties.get(key)) {

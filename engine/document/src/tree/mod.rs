@@ -188,7 +188,7 @@ impl Node {
 /// Turns bytes into text.
 ///
 /// # Errors
-/// Where the bytes are no UTF-8: offset, line and column of the first wrong one.
+/// The bytes are no UTF-8: offset, line and column of the first wrong one.
 pub fn decode(name: &str, bytes: &[u8]) -> Result<String, Vec<Diagnostic>> {
     std::str::from_utf8(bytes)
         .map(|text| text.trim_start_matches('\u{feff}').to_string())

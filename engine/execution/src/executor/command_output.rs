@@ -61,10 +61,10 @@ pub(super) fn ask(
     tell(program, command.stdin(Stdio::null()), limit, stop)
 }
 
-/// As [`ask`], for a command whose standard input is set already.
+/// Like [`ask`], for a command whose standard input is set already.
 ///
 /// # Errors
-/// As [`ask`].
+/// The errors of [`ask`].
 pub(crate) fn tell(
     program: &'static str,
     command: &mut Command,

@@ -80,12 +80,12 @@ impl View {
 /// The open submissions of a store with their tasks; no queue is asked where there is none.
 ///
 /// # Errors
-/// [`Error::Engine`] where a record cannot be read, and the errors of queues.
+/// [`Error::Engine`] if a record cannot be read, and the errors of queues.
 pub fn holdings(registry: &Registry, store: &Path, stop: &Stop) -> Result<Vec<Holding>, Error> {
     holdings_with(registry, store, None, stop)
 }
 
-/// As [`holdings`]; `own` is asked for the submissions that it took itself.
+/// Like [`holdings`]; `own` is asked for the submissions that it took itself.
 fn holdings_with(
     registry: &Registry,
     store: &Path,
@@ -142,7 +142,7 @@ fn asked<T>(
 /// The submissions of a store whose jobs may be queued or running.
 ///
 /// # Errors
-/// [`Error::Engine`] where a record cannot be read.
+/// [`Error::Engine`] if a record cannot be read.
 pub fn open(store: &Path) -> Result<Vec<Submission>, Error> {
     Ok(Submission::all(store)?
         .into_iter()
@@ -183,7 +183,7 @@ impl Dispatch<'_> {
     /// State of the work on `missing`, and the number of tasks to add.
     ///
     /// # Errors
-    /// As [`holdings`].
+    /// The errors of [`holdings`].
     pub fn look(&self, missing: &BTreeSet<String>) -> Result<View, Error> {
         let (live, dead): (Vec<_>, Vec<_>) =
             holdings_with(self.registry, &self.store, Some(self.queue), &self.stop)?
@@ -210,7 +210,7 @@ impl Dispatch<'_> {
     /// processes at a time, submits once: a living submission is found by its name.
     ///
     /// # Errors
-    /// As [`holdings`]; [`Error::Refused`] where the queue does not take the jobs.
+    /// Like [`holdings`]; [`Error::Refused`] where the queue does not take the jobs.
     pub fn ensure(&self, missing: &BTreeSet<String>, say: &mut dyn FnMut(&str)) -> Result<View, Error> {
         let (limit, stop) = (self.queue.patience(), &self.stop);
         let _held = lock(&self.store, Wait { limit, stop, say })?;

@@ -99,7 +99,7 @@ impl Dispatch<'_> {
     /// the wait begins.
     ///
     /// # Errors
-    /// As [`Dispatch::ensure`], and [`Error::Busy`] or [`Error::Silent`] after some minutes.
+    /// The errors of [`Dispatch::ensure`], and [`Error::Busy`] or [`Error::Silent`] after some minutes.
     pub fn begin(&self, missing: &BTreeSet<String>, watch: &mut dyn Watch) -> Result<View, Error> {
         let mut pause_s = 1.0;
         for _ in 1..FIRST_TRIES {
@@ -118,9 +118,8 @@ impl Dispatch<'_> {
     /// Waits until every trial has ended; submits again while tasks are too few for the missing trials.
     ///
     /// # Errors
-    /// [`Error::Fruitless`] where submissions end again and again without finishing a trial, and the errors
-    /// of [`Dispatch::ensure`] for a submission that is refused. A controller that does not answer is waited
-    /// for.
+    /// [`Error::Fruitless`] if submissions end again and again without finishing a trial, and the errors of
+    /// [`Dispatch::ensure`] for a submission that is refused. A controller that does not answer is waited for.
     pub fn follow(&self, begun: View, watch: &mut dyn Watch) -> Result<WaitEnd, Error> {
         let followed = begun.live.into_iter().map(|holding| holding.submission).collect();
         let mut follower = Follower {
@@ -215,7 +214,7 @@ impl Follower<'_> {
         }
     }
 
-    /// Tasks that the queue holds; `None` where the followed submissions were cancelled.
+    /// Tasks that the queue holds; `None` if the followed submissions were cancelled.
     fn look(&self, missing: &BTreeSet<String>) -> Result<Option<View>, Error> {
         let ours = |one: &Submission| self.followed.iter().any(|followed| followed.id == one.id);
         if Submission::all(&self.dispatch.store)?

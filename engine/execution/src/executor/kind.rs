@@ -51,7 +51,7 @@ pub trait RegisterExecutor {
     /// Registers an executor by the function that makes its entry.
     ///
     /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
+    /// If the name is taken: a mistake in the program, found by every test.
     fn executor(&mut self, kind: fn() -> ExecutorKind);
 }
 
@@ -93,7 +93,7 @@ pub fn find(registry: &Registry, name: &str) -> Option<ExecutorKind> {
 }
 
 impl ExecutorKind {
-    /// Options of the executor; `None` where it has none.
+    /// Options of the executor; `None` if it has none.
     #[must_use]
     pub fn options(&self) -> Option<&ExecutorOptions> {
         match &self.way {
@@ -161,7 +161,7 @@ impl ExecutorOptions {
     /// The executor with these options, as [`read`](Self::read) gave them; null stands for none at all.
     ///
     /// # Errors
-    /// [`Error::Option`] where one cannot be used, [`Error::Record`] where they are of another executor.
+    /// [`Error::Option`] if one cannot be used, [`Error::Record`] if they are of another executor.
     pub fn build(&self, options: &Value) -> Result<Box<dyn Executor>, Error> {
         (self.build)(options)
     }

@@ -33,8 +33,8 @@ pub struct Wait<'a> {
 /// gives the lock back when its holder dies.
 ///
 /// # Errors
-/// [`Error::Held`] where another process holds it for longer than the wait, [`Error::Interrupted`], and where
-/// its file cannot be created or locked.
+/// [`Error::Held`] if another process holds it for longer than the wait, [`Error::Interrupted`], and if its file cannot
+/// be created or locked.
 pub fn lock(store: &Path, wait: Wait<'_>) -> Result<File, Error> {
     let (mut file, path) = open(store)?;
     let (begun, mut told) = (clock::now(), false);

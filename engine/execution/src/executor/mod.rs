@@ -60,7 +60,7 @@ pub trait Executor: Debug {
     /// Cores of a task, each with a worker process.
     fn cpus_per_task(&self) -> NonZeroUsize;
 
-    /// Graphics cards of a task; `None` where none can be asked for.
+    /// Graphics cards of a task; `None` if none can be asked for.
     fn gpus_per_task(&self) -> Option<usize> {
         None
     }
@@ -74,15 +74,15 @@ pub trait Executor: Debug {
     /// The text that would be handed over; no queue is asked.
     ///
     /// # Errors
-    /// [`Error::Option`] where an option is missing that has no default.
+    /// [`Error::Option`] if an option is missing that has no default.
     fn written(&self, wanted: &Wanted<'_>) -> Result<String, Error>;
 
-    /// Hosts that the program reaches itself; `None` where the executor owns the machines.
+    /// Hosts that the program reaches itself; `None` if the executor owns the machines.
     fn access(&self) -> Option<&Access> {
         None
     }
 
-    /// The queue that takes submissions and shows their tasks; `None` where a person hands over the text.
+    /// The queue that takes submissions and shows their tasks; `None` if a person hands over the text.
     fn queue(&self) -> Option<&dyn Queue> {
         None
     }

@@ -25,7 +25,7 @@ pub trait Queue {
     /// Largest number of tasks in one array.
     ///
     /// # Errors
-    /// [`Error::Busy`] where it does not answer.
+    /// [`Error::Busy`] if it does not answer.
     fn largest_array(&self, stop: &Stop) -> Result<usize, Error>;
 
     /// Longest time that all answers to one submission may take: a process that decides about a submission
@@ -56,20 +56,19 @@ pub trait Queue {
     /// Tasks of these submissions that the queue knows of; it may forget ended ones after a while.
     ///
     /// # Errors
-    /// [`Error::Busy`] where it does not answer.
+    /// [`Error::Busy`] if it does not answer.
     fn tasks(&self, submissions: &[Submission], stop: &Stop) -> Result<Vec<Task>, Error>;
 
     /// Submits a script and returns the job's id.
     ///
     /// # Errors
-    /// [`Error::Refused`] where it says no, [`Error::Busy`] where it does not answer; the job may exist even
-    /// then.
+    /// [`Error::Refused`] if it says no, [`Error::Busy`] if it does not answer; the job may exist even then.
     fn submit(&self, script: &Path, stop: &Stop) -> Result<String, Error>;
 
     /// Cancels the jobs of a name: all, or those that have not started.
     ///
     /// # Errors
-    /// As [`submit`](Self::submit).
+    /// The errors of [`submit`](Self::submit).
     fn cancel(&self, name: &str, waiting_only: bool, stop: &Stop) -> Result<(), Error>;
 }
 

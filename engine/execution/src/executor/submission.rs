@@ -127,7 +127,7 @@ impl Submission {
     /// Gives the submission a name of its own and writes its record to the disk.
     ///
     /// # Errors
-    /// [`Error::File`] where the store cannot be written.
+    /// [`Error::File`] if the store cannot be written.
     pub fn enter(&mut self) -> Result<(), Error> {
         let all = folder_of_all(&self.store);
         fs::create_dir_all(&all).map_err(Error::file("create", &all))?;
@@ -141,7 +141,7 @@ impl Submission {
     /// [`damaged`]; those of a later version of the program are left out too.
     ///
     /// # Errors
-    /// [`Error::File`] where a record cannot be read.
+    /// [`Error::File`] if a record cannot be read.
     pub fn all(store: &Path) -> Result<Vec<Self>, Error> {
         let folder = folder_of_all(store);
         let mut submissions = Vec::new();
@@ -154,10 +154,10 @@ impl Submission {
         Ok(submissions)
     }
 
-    /// The submission with an id; `None` where its record is absent or cannot be understood.
+    /// The submission with an id; `None` if its record is absent or cannot be understood.
     ///
     /// # Errors
-    /// [`Error::File`] where the record cannot be read.
+    /// [`Error::File`] if the record cannot be read.
     pub fn find(store: &Path, id: &str) -> Result<Option<Self>, Error> {
         match read(store, &folder_of_all(store).join(id)) {
             Err(Error::Damaged { .. }) => Ok(None),
@@ -192,7 +192,7 @@ impl Submission {
     /// Writes the record.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be written.
+    /// [`Error::File`] if it cannot be written.
     pub fn save(&self) -> Result<(), Error> {
         let path = self.folder().join(RECORD);
         let text = serde_json::to_vec_pretty(self).map_err(|source| Error::Damaged {
@@ -205,7 +205,7 @@ impl Submission {
     /// Records that the submission is not waited for any more.
     ///
     /// # Errors
-    /// [`Error::File`] where the record cannot be written.
+    /// [`Error::File`] if the record cannot be written.
     pub fn close(&mut self, state: SubmissionState) -> Result<(), Error> {
         self.state = state;
         self.trials.clear();
@@ -261,7 +261,7 @@ fn is_folder(path: &Path) -> Result<bool, Error> {
 /// Damaged records of a store: paths inside it, each with the fault.
 ///
 /// # Errors
-/// [`Error::File`] where a record cannot be read.
+/// [`Error::File`] if a record cannot be read.
 pub fn damaged(store: &Path) -> Result<Vec<Finding>, Error> {
     let folder = folder_of_all(store);
     let mut findings = Vec::new();
@@ -281,15 +281,14 @@ pub fn damaged(store: &Path) -> Result<Vec<Finding>, Error> {
 /// Sets aside damaged records, so that the others count, and returns the findings.
 ///
 /// # Errors
-/// [`Error::File`] where a record cannot be read or moved.
+/// [`Error::File`] if a record cannot be read or moved.
 pub fn heal(store: &Path) -> Result<Findings, Error> {
     Store::at(store).aside(damaged(store)?)
 }
 
 const RECORD: &str = "submission.json";
 
-/// Reads a record; `None` where a submitter died before it wrote one, or a later version of the program wrote
-/// it.
+/// Reads a record; `None` if a submitter died before it wrote one, or a later version of the program wrote it.
 fn read(store: &Path, folder: &Path) -> Result<Option<Submission>, Error> {
     if !is_folder(folder)? {
         return Ok(None);

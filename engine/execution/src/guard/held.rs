@@ -48,7 +48,7 @@ impl Guarded {
     /// go to files, so that its output survives the worker and the guard.
     ///
     /// # Errors
-    /// [`Error::Worker`] where the guard cannot be started.
+    /// [`Error::Worker`] if the guard cannot be started.
     pub fn start(
         order: Order,
         variables: &BTreeMap<String, String>,
@@ -131,8 +131,8 @@ impl Drop for Guarded {
     }
 }
 
-/// The end of the last program that ran with these notes; `None` where none ran, or where its end was not
-/// noted. After a loss of power nothing is known: the program's own files may be lost.
+/// The end of the last program that ran with these notes; `None` if none ran, or where its end was not noted. After a
+/// loss of power nothing is known: the program's own files may be lost.
 #[must_use]
 pub fn last_ending(notes: &Path) -> Option<Left> {
     let EndNote {

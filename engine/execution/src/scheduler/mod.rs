@@ -140,7 +140,7 @@ pub enum Event {
         slot: usize,
         /// The place, and the reason.
         problem: String,
-        /// The wait before the next attempt to reach it; `None` where it is given up.
+        /// The wait before the next attempt to reach it; `None` if it is given up.
         wait: Option<Duration>,
     },
     /// A slot has failed and takes no further trial.
@@ -159,8 +159,8 @@ pub struct Task<'a> {
     pub trial: &'a Trial,
     /// Number of steps of the trial.
     pub cost: u64,
-    /// Seconds per step of earlier trials of its agent in its environment; `None` where none is stored. Long
-    /// paths start first.
+    /// Seconds per step of earlier trials of its agent in its environment; `None` if none is stored. Long paths start
+    /// first.
     pub pace_s: Option<f64>,
     /// Limits of each attempt.
     pub limits: Arc<Limits>,
@@ -203,8 +203,8 @@ pub struct Workers {
 /// The order in which trials run cannot reach a result.
 ///
 /// # Errors
-/// [`Error::Worker`] where no worker process can be started; [`Error::File`] where the store cannot be
-/// written, and [`Error::Bucket`] where its shared bucket cannot: the remaining tasks stay missing.
+/// [`Error::Worker`] if no worker process can be started; [`Error::File`] if the store cannot be written, and
+/// [`Error::Bucket`] if its shared bucket cannot: the remaining tasks stay missing.
 pub fn run(
     tasks: &[Task<'_>],
     store: &Store,

@@ -101,7 +101,7 @@ fn worker(program: &Path, device: Option<&str>) -> Command {
     command
 }
 
-/// Passes on the messages of the process until its last one; `None` where it died without one.
+/// Passes on the messages of the process until its last one; `None` if it died without one.
 fn listen(replies: &mut Replies, progress: &mut dyn FnMut(u64, u64)) -> Option<Reply> {
     loop {
         let mut line = String::new();

@@ -35,7 +35,7 @@ pub(super) trait Runner {
     /// Runs a trial to its end, its pause, or until it is stopped; `progress` receives steps done and in all.
     ///
     /// # Errors
-    /// [`Error::Worker`] where no trial can be run.
+    /// [`Error::Worker`] if no trial can be run.
     fn run(
         &mut self,
         request: Request,
@@ -101,7 +101,7 @@ pub(super) struct Slot<'a, R> {
     all: SlotContext<'a>,
     runner: R,
     events: &'a Sender<Event>,
-    /// Begin and number of the failed attempts to reach its place; `None` where the last one succeeded.
+    /// Begin and number of the failed attempts to reach its place; `None` if the last one succeeded.
     lost: Option<(Instant, u32)>,
     /// Whether its place could not be reached within the patience for it.
     is_given_up: bool,
@@ -231,8 +231,8 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(())
     }
 
-    /// As [`under_lease`](Self::under_lease), where machines share trials by a bucket: claims the trial there
-    /// as well, and fetches it where another machine has ended it.
+    /// Like [`under_lease`](Self::under_lease), where machines share trials by a bucket: claims the trial there as
+    /// well, and fetches it where another machine has ended it.
     fn under_shared_lease(&mut self, turn: TrialAttempt) -> Result<(), Error> {
         let (Some(leases), Some(bucket)) = (self.all.shared_leases, self.all.store.bucket()) else {
             return self.under_lease(turn);

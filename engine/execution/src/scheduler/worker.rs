@@ -97,7 +97,7 @@ pub enum Reply {
 /// once, so that the program that takes the trial over has it alone.
 ///
 /// # Errors
-/// [`Error::Worker`] where the other side is gone.
+/// [`Error::Worker`] if the other side is gone.
 pub fn serve(
     registry: &Registry,
     device: Option<&Connection>,

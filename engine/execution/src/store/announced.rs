@@ -45,7 +45,7 @@ impl Announcements {
         }
     }
 
-    /// The announcement of the environment of an identity; `None` where it is unknown or not to be believed.
+    /// The announcement of the environment of an identity; `None` if it is unknown or not to be believed.
     pub fn recall<T: DeserializeOwned>(&self, id: &str) -> Option<T> {
         if !self.is_believed {
             return None;

@@ -18,8 +18,7 @@ impl Store {
     /// hash.
     ///
     /// # Errors
-    /// [`Error::Source`] where the trial did not end `ok`, left no such artifact, or left one that is damaged
-    /// now.
+    /// [`Error::Source`] if the trial did not end `ok`, left no such artifact, or left one that is damaged now.
     pub fn artifact(&self, taken: &Taken) -> Result<PathBuf, Error> {
         let problem = || Error::Source {
             trial: taken.trial.clone(),
@@ -32,10 +31,10 @@ impl Store {
         self.artifact_if_left(taken)?.ok_or_else(problem)
     }
 
-    /// As [`artifact`](Self::artifact), and `None` where the trial left no such artifact.
+    /// Like [`artifact`](Self::artifact), and `None` if the trial left no such artifact.
     ///
     /// # Errors
-    /// [`Error::Source`] where the trial did not end `ok`, or left one that is damaged now.
+    /// [`Error::Source`] if the trial did not end `ok`, or left one that is damaged now.
     pub fn artifact_if_left(&self, taken: &Taken) -> Result<Option<PathBuf>, Error> {
         let Taken { trial: id, kind } = taken;
         let unusable = |problem: String| Error::Source {
@@ -68,7 +67,7 @@ impl Store {
     /// paths; the written bytes are those that were held against the acknowledged hashes.
     ///
     /// # Errors
-    /// [`Error::Source`] as for [`artifact`](Self::artifact), [`Error::File`] where the folder cannot be written.
+    /// [`Error::Source`] as for [`artifact`](Self::artifact), [`Error::File`] if the folder cannot be written.
     pub fn copy_artifact(&self, taken: &Taken, below: &str, to: &Path) -> Result<(), Error> {
         let from = self.artifact(taken)?;
         let file = self.file(&taken.trial)?;

@@ -31,7 +31,7 @@ impl Store {
     /// computes are left to it.
     ///
     /// # Errors
-    /// [`Error::File`] where a file cannot be moved.
+    /// [`Error::File`] if a file cannot be moved.
     pub fn heal(&self, ids: &[&str], leases: &Leases) -> Result<Findings, Error> {
         refuse_links(self)?;
         let mut mine = Vec::new();
@@ -91,8 +91,7 @@ impl Store {
         })
     }
 
-    /// Moves the findings into a new folder and returns its path inside the store; `None` where no file is to
-    /// be moved.
+    /// Moves the findings into a new folder and returns its path inside the store; `None` if no file is to be moved.
     pub(super) fn set_aside(&self, findings: &[Finding]) -> Result<Option<PathBuf>, Error> {
         if !findings.iter().any(|finding| finding.fault.is_moved()) {
             return Ok(None);

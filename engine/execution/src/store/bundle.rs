@@ -21,7 +21,7 @@ pub(crate) type Bundle = Vec<(String, Vec<u8>)>;
 const LAST: &str = "trial.json";
 
 impl Store {
-    /// The files of a trial; `None` where it has neither ended nor paused.
+    /// The files of a trial; `None` if it has neither ended nor paused.
     ///
     /// # Errors
     /// [`Error::Damaged`] for a file that differs from the acknowledged one.

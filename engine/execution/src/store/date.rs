@@ -20,7 +20,7 @@ pub fn rfc_3339_of(seconds: u64) -> String {
         .to_string()
 }
 
-/// The moment that [`rfc_3339_of`] wrote; `None` where it is another text.
+/// The moment that [`rfc_3339_of`] wrote; `None` if it is another text.
 pub fn seconds_of(text: &str) -> Option<u64> {
     let moment: Timestamp = text.parse().ok()?;
     let seconds = u64::try_from(moment.as_second()).ok()?;

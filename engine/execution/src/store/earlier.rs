@@ -15,7 +15,7 @@ impl Store {
     /// lease may call it.
     ///
     /// # Errors
-    /// [`Error::File`] where the file cannot be renamed.
+    /// [`Error::File`] if the file cannot be renamed.
     pub fn try_again(&self, id: &str) -> Result<(), Error> {
         let folder = self.folder(id);
         let earlier = folder.join(NAME);

@@ -93,7 +93,7 @@ pub struct Findings {
     pub running: usize,
     /// The faults, in the order of their paths.
     pub findings: Vec<Finding>,
-    /// Folder of the files that were set aside, inside the store; `None` where none was moved.
+    /// Folder of the files that were set aside, inside the store; `None` if none was moved.
     pub aside: Option<PathBuf>,
 }
 
@@ -106,7 +106,7 @@ impl Store {
     /// findings from the owners of other files in it.
     ///
     /// # Errors
-    /// [`Error::File`] where the store cannot be read, or a file cannot be moved.
+    /// [`Error::File`] if the store cannot be read, or a file cannot be moved.
     pub fn check(&self, mend: bool, further: Vec<Finding>) -> Result<Findings, Error> {
         refuse_links(self)?;
         let mut check = Check::new(self);

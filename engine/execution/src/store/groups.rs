@@ -33,7 +33,7 @@ impl Store {
         self.each_found(trials, |trial| self.stored(&trial.id), in_packs, take);
     }
 
-    /// As [`each_stored`](Self::each_stored), but reads every `trial.json`, in packs too.
+    /// Like [`each_stored`](Self::each_stored), but reads every `trial.json`, in packs too.
     pub(super) fn each_acknowledged(
         &self,
         trials: &[impl Borrow<Trial> + Sync],

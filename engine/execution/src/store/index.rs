@@ -22,7 +22,7 @@ use std::{
 /// Values that were read for many trials.
 #[derive(Debug)]
 pub struct TrialValues<T> {
-    /// One entry per trial, in their order; `None` where it has not run, and where its file cannot be used.
+    /// One entry per trial, in their order; `None` if it has not run, and where its file cannot be used.
     pub all: Vec<Option<T>>,
     /// Trials, by their places, with faulty files, and the reasons.
     pub unreadable: Vec<(usize, Error)>,
@@ -60,7 +60,7 @@ pub struct StoredTrial {
     pub numerics: u32,
     /// End of the trial.
     pub end: TrialEnd,
-    /// Time of the end, as the file has it; `None` where the program that stored it did not note it.
+    /// Time of the end, as the file has it; `None` if the program that stored it did not note it.
     pub ended_at: Option<String>,
     /// Source code of the program that computed the trial, where it named it.
     pub build: Option<Build>,
@@ -108,10 +108,10 @@ impl Store {
         found.in_order()
     }
 
-    /// A trial without its configs; `None` where it has not run.
+    /// A trial without its configs; `None` if it has not run.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where its file is faulty.
+    /// [`Error::Damaged`] if its file is faulty.
     pub fn stored(&self, id: &str) -> Result<Option<StoredTrial>, Error> {
         Ok(self.acknowledged(id)?.map(|(_, trial)| trial))
     }

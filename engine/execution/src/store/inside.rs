@@ -9,10 +9,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Content of a file; `None` where there is none.
+/// Content of a file; `None` if there is none.
 ///
 /// # Errors
-/// [`Error::Damaged`] where something other than a file has its name.
+/// [`Error::Damaged`] if something other than a file has its name.
 pub(crate) fn read(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     let absent = |kind: ErrorKind| kind == ErrorKind::NotFound;
     match fs::symlink_metadata(path).map(|data| data.is_file()) {
@@ -31,7 +31,7 @@ pub(crate) fn read(path: &Path) -> Result<Option<Vec<u8>>, Error> {
 /// Content of a file of a trial, which may lie in folders inside the trial's.
 ///
 /// # Errors
-/// As [`read`].
+/// The errors of [`read`].
 pub(super) fn read_in(trial: &Path, name: &str) -> Result<Option<Vec<u8>>, Error> {
     let path = trial.join(name);
     let link = path
@@ -53,8 +53,8 @@ fn no_file(path: &Path) -> Error {
     }
 }
 
-/// Metadata of the entry at a path, of a link itself; `None` where there is none. Unlike the answers below,
-/// it tells an entry that cannot be seen from an absent one.
+/// Metadata of the entry at a path, of a link itself; `None` if there is none. Unlike the answers below, it tells an
+/// entry that cannot be seen from an absent one.
 ///
 /// # Errors
 /// The error of the system.
@@ -110,7 +110,7 @@ const NO_SEATS: [&str; 4] = ["running", "trial.json", "earlier.json", "metrics.p
 /// file.
 ///
 /// # Errors
-/// [`Error::File`] where a folder cannot be read.
+/// [`Error::File`] if a folder cannot be read.
 pub(super) fn files_of(trial: &Path) -> Result<Vec<String>, Error> {
     let mut found = Vec::new();
     gather(trial, "", DEEPEST, &mut found)?;
@@ -137,7 +137,7 @@ fn gather(folder: &Path, at: &str, deeper: usize, found: &mut Vec<String>) -> Re
 /// Files and folders inside a folder, at any depth.
 ///
 /// # Errors
-/// Where a folder cannot be read, or something in it is neither a file nor a folder.
+/// A folder cannot be read, or something in it is neither a file nor a folder.
 pub(super) fn contents(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder)? {

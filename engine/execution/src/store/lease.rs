@@ -105,7 +105,7 @@ impl Leases {
     /// dead after it has not renewed them for `expiry`.
     ///
     /// # Errors
-    /// [`Error::File`] where the store's folder cannot be written.
+    /// [`Error::File`] if the store's folder cannot be written.
     pub fn open(store: &Store, expiry: Duration) -> Result<Self, Error> {
         let announcement = Announcement::new(Owner::this_process(), expiry);
         let folder = store.root().join("owners");
@@ -125,7 +125,7 @@ impl Leases {
     /// Claims a trial.
     ///
     /// # Errors
-    /// [`Error::File`] where the store cannot be written, or its file system knows no hard links.
+    /// [`Error::File`] if the store cannot be written, or its file system knows no hard links.
     pub fn claim(&self, id: &str) -> Result<Claim, Error> {
         let folder = self.store.folder(id);
         let lease = folder.join("lease");
@@ -166,7 +166,7 @@ impl Leases {
     /// Gives a trial back.
     ///
     /// # Errors
-    /// [`Error::File`] where the lease cannot be removed.
+    /// [`Error::File`] if the lease cannot be removed.
     pub fn release(&self, id: &str) -> Result<(), Error> {
         let lease = self.store.folder(id).join("lease");
         boundary::pass("before a lease is given back", &lease);
@@ -187,7 +187,7 @@ impl Leases {
     /// Renews all leases of this process.
     ///
     /// # Errors
-    /// [`Error::File`] where the owner's file cannot be written.
+    /// [`Error::File`] if the owner's file cannot be written.
     pub fn beat(&self) -> Result<(), Error> {
         match self.touch() {
             Err(source) if source.kind() == ErrorKind::NotFound => self.announce_again(),
@@ -231,7 +231,7 @@ impl Leases {
         write_durably(&self.file, &text)
     }
 
-    /// The living owner of a lease; `None` where it is dead or the lease is gone.
+    /// The living owner of a lease; `None` if it is dead or the lease is gone.
     fn holder(&self, lease: &Path) -> Result<Option<Owner>, Error> {
         let Some(found) = read(lease)? else {
             return Ok(None);
@@ -305,8 +305,8 @@ impl Leases {
         }
     }
 
-    /// File name of the dead owner of a lease or a mark; empty where the file names no owner. `None` where
-    /// its owner lives, or the file is absent.
+    /// File name of the dead owner of a lease or a mark; empty where the file names no owner. `None` if its owner
+    /// lives, or the file is absent.
     fn dead_owner(&self, file: &Path) -> Result<Option<String>, Error> {
         match look(file)? {
             LeaseEntry::Gone => Ok(None),
@@ -396,7 +396,7 @@ impl LeaseFile {
     }
 }
 
-/// Reads an owner's file or a lease; `None` where there is no such file or no owner in it.
+/// Reads an owner's file or a lease; `None` if there is no such file or no owner in it.
 fn read(path: &Path) -> Result<Option<LeaseFile>, Error> {
     Ok(match look(path)? {
         LeaseEntry::Owned(found) => Some(found),

@@ -11,8 +11,7 @@ impl Store {
     /// trials that take them there hold them against their hashes again.
     ///
     /// # Errors
-    /// [`Error::Source`] where the artifact cannot be used, [`Error::File`] where the other store cannot be
-    /// written.
+    /// [`Error::Source`] if the artifact cannot be used, [`Error::File`] if the other store cannot be written.
     pub fn lend(&self, taken: &Taken, to: &Store) -> Result<(), Error> {
         let (id, from) = (&taken.trial, self.artifact(taken)?);
         let gone = || Error::Source {

@@ -102,14 +102,14 @@ pub struct Merge<'a> {
     would_have: BTreeMap<String, (TrialFile, Store)>,
 }
 
-/// Result of checking a copy: its acknowledgement, `None` where it has none, or its faults.
+/// Result of checking a copy: its acknowledgement, `None` if it has none, or its faults.
 type CopyCheck = Result<Option<TrialFile>, Vec<Finding>>;
 
 impl<'a> Merge<'a> {
     /// A merge into the store `into` under `leases`; without leases no file is written.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where folders of the store are links.
+    /// [`Error::Damaged`] if folders of the store are links.
     pub fn new(into: &'a Store, leases: Option<&'a Leases>) -> Result<Self, Error> {
         refuse_links(into)?;
         Ok(Self {
@@ -122,7 +122,7 @@ impl<'a> Merge<'a> {
     /// Copies the new trials of `source` in the order of ids, and reports the fate of each trial.
     ///
     /// # Errors
-    /// [`Error::File`] where a store cannot be read or written.
+    /// [`Error::File`] if a store cannot be read or written.
     pub fn take(&mut self, source: &Store, told: &mut dyn FnMut(Merged)) -> Result<(), Error> {
         refuse_links(source)?;
         for id in ids(source)? {
@@ -166,7 +166,7 @@ impl<'a> Merge<'a> {
         }
     }
 
-    /// Fate of a trial that the destination has already; `None` where it is missing there.
+    /// Fate of a trial that the destination has already; `None` if it is missing there.
     fn held_against(&self, id: &str, file: &TrialFile, source: &Store) -> Result<Option<Fate>, Error> {
         let (here, store) = match self.would_have.get(id) {
             Some((file, store)) => (file.clone(), store),
@@ -231,7 +231,7 @@ impl<'a> Merge<'a> {
     /// Copies one trial whose lease the caller holds already.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the source changes meanwhile, and where a store cannot be read or written.
+    /// [`Error::Damaged`] if the source changes meanwhile, and if a store cannot be read or written.
     pub(super) fn bring_under_own_lease(
         &self,
         id: &str,
@@ -370,8 +370,8 @@ fn look(store: &Store, id: &str) -> Result<CopyCheck, Error> {
 }
 
 impl Store {
-    /// The acknowledgement of a trial, with every file held against its acknowledged hash; `None` where the
-    /// trial has not ended.
+    /// The acknowledgement of a trial, with every file held against its acknowledged hash; `None` if the trial has not
+    /// ended.
     ///
     /// # Errors
     /// [`Error::Damaged`] for the first file that differs from the acknowledged one.

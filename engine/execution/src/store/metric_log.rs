@@ -68,7 +68,7 @@ pub struct LogPosition {
 /// Reads a log, which may be one that is being written.
 ///
 /// # Errors
-/// [`Error::File`] where the file cannot be read. Damage is no error: see [`LogContents::end`].
+/// [`Error::File`] if the file cannot be read. Damage is no error: see [`LogContents::end`].
 pub fn read(path: &Path) -> Result<LogContents, Error> {
     bytes_of(path)
         .map(|bytes| decode(&bytes))
@@ -109,7 +109,7 @@ impl MetricLog {
     /// Begins a log; an existing one is lost.
     ///
     /// # Errors
-    /// [`Error::File`] where the file cannot be written.
+    /// [`Error::File`] if the file cannot be written.
     pub fn create(path: &Path, trial: &str) -> Result<Self, Error> {
         File::create(path).map_err(Error::file("create", path))?;
         let mut log = Self::at_end(path, &[], &MetricsTable::default(), 0)?;
@@ -117,11 +117,11 @@ impl MetricLog {
         Ok(log)
     }
 
-    /// Continues at a position and returns the rows before it; the rest of the file is cut off. `None` where
-    /// the log does not have its content at that position any more.
+    /// Continues at a position and returns the rows before it; the rest of the file is cut off. `None` if the log does
+    /// not have its content at that position any more.
     ///
     /// # Errors
-    /// [`Error::File`] where the file cannot be read or written.
+    /// [`Error::File`] if the file cannot be read or written.
     pub fn resume(
         path: &Path,
         trial: &str,
@@ -178,7 +178,7 @@ impl MetricLog {
     /// Appends the rows that were recorded since the last time.
     ///
     /// # Errors
-    /// [`Error::File`] where the file cannot be written.
+    /// [`Error::File`] if the file cannot be written.
     pub fn append(&mut self, record: &Recorder) -> Result<(), Error> {
         for rows in record.rows()[self.rows..].chunks(ROWS_PER_FRAME) {
             let payload = encode(&record.names()[self.names..], rows);

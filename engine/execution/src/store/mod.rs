@@ -225,10 +225,10 @@ impl Store {
             .join(id)
     }
 
-    /// End of a trial; `None` where it has not run.
+    /// End of a trial; `None` if it has not run.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where its file is faulty.
+    /// [`Error::Damaged`] if its file is faulty.
     pub fn end(&self, id: &str) -> Result<Option<TrialEnd>, Error> {
         Ok(self.stored(id)?.map(|trial| trial.end))
     }
@@ -236,7 +236,7 @@ impl Store {
     /// Stores the record of an `ok` trial and acknowledges it. Doing it twice has no further effect.
     ///
     /// # Errors
-    /// [`Error::File`] where a file cannot be written.
+    /// [`Error::File`] if a file cannot be written.
     pub fn finish(&self, trial: &Trial, record: &Recorder, wall_s: f64) -> Result<TrialEnd, Error> {
         let folder = self.folder(&trial.id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
@@ -257,7 +257,7 @@ impl Store {
     /// while it failed may continue after another one has computed the trial: an end that holds is kept.
     ///
     /// # Errors
-    /// [`Error::File`] where the file cannot be written.
+    /// [`Error::File`] if the file cannot be written.
     pub fn acknowledge(&self, trial: &Trial, end: TrialEnd) -> Result<TrialEnd, Error> {
         self.acknowledge_with(trial, end, BTreeMap::new())
     }
@@ -325,10 +325,10 @@ impl Store {
         remove(&aside)
     }
 
-    /// Acknowledgement of a trial; `None` where it has none.
+    /// Acknowledgement of a trial; `None` if it has none.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the file was changed, or is of another trial.
+    /// [`Error::Damaged`] if the file was changed, or is of another trial.
     pub fn file(&self, id: &str) -> Result<Option<TrialFile>, Error> {
         let path = self.folder(id).join("trial.json");
         let Some((text, _)) = self.acknowledged(id)? else {
@@ -349,7 +349,7 @@ impl Store {
     /// A trial with its whole record.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where a file differs from the acknowledged one.
+    /// [`Error::Damaged`] if a file differs from the acknowledged one.
     pub fn load(&self, trial: &Arc<Trial>) -> Result<TrialResult, Error> {
         let mut result = TrialResult::missing(Arc::clone(trial));
         if let Some((end, table)) = self.loaded(&trial.id)? {
@@ -359,7 +359,7 @@ impl Store {
         Ok(result)
     }
 
-    /// End and metrics of a trial; `None` where it has not run.
+    /// End and metrics of a trial; `None` if it has not run.
     fn loaded(&self, id: &str) -> Result<Option<EndWithMetrics>, Error> {
         let Some(end) = self.end(id)? else {
             return Ok(None);
@@ -392,7 +392,7 @@ impl Store {
     /// as far as it is whole.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where a stored file was changed.
+    /// [`Error::Damaged`] if a stored file was changed.
     pub fn read_partial(&self, result: &mut TrialResult) -> Result<(), Error> {
         if result.is_ok() || !result.trial.cell.purpose.is_tried() {
             return Ok(());
@@ -413,7 +413,7 @@ impl Store {
     /// Bytes of `trial.json` and of `metrics.parquet` of a trial that ended `ok`, in its folder or in a pack.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where one is absent or differs from the acknowledged one.
+    /// [`Error::Damaged`] if one is absent or differs from the acknowledged one.
     pub fn files(&self, id: &str) -> Result<[Vec<u8>; 2], Error> {
         let absent = || Error::Damaged {
             path: self.folder(id).join("trial.json"),
@@ -444,11 +444,11 @@ impl Store {
 /// Folders of a store; every store that is not empty has at least one of them.
 const FOLDERS: [&str; 6] = ["trials", "packs", "owners", "looks", "submissions", "aside"];
 
-/// The reason for which a folder is no store, as a phrase; `None` where it is one, or empty. Commands that
-/// check and move files ask this first.
+/// The reason for which a folder is no store, as a phrase; `None` if it is one, or empty. Commands that check and move
+/// files ask this first.
 ///
 /// # Errors
-/// [`Error::File`] where the folder cannot be read.
+/// [`Error::File`] if the folder cannot be read.
 pub fn no_store(root: &Path) -> Result<Option<String>, Error> {
     if !fs::is_folder(root) {
         return Ok(Some(format!("there is no store at `{}`", root.display())));
@@ -467,7 +467,7 @@ pub fn no_store(root: &Path) -> Result<Option<String>, Error> {
 /// Names in a folder, in order; none where there is no folder.
 ///
 /// # Errors
-/// [`Error::File`] where the folder cannot be read.
+/// [`Error::File`] if the folder cannot be read.
 pub fn names(folder: &Path) -> Result<Vec<String>, Error> {
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,
@@ -491,14 +491,14 @@ pub fn names(folder: &Path) -> Result<Vec<String>, Error> {
 /// Writes a file so that after a crash it is either the old one or the whole new one.
 ///
 /// # Errors
-/// [`Error::File`] where the folder or the file cannot be written.
+/// [`Error::File`] if the folder or the file cannot be written.
 pub fn write_durably(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let temporary = write_beside(path, bytes)?;
     fs::rename(&temporary, path).map_err(Error::file("rename to", path))?;
     flush_folder_of(path)
 }
 
-/// As [`write_durably`], for a new file; false where the file exists, which stays as it is.
+/// Like [`write_durably`], for a new file; false where the file exists, which stays as it is.
 fn write_new_durably(path: &Path, bytes: &[u8]) -> Result<bool, Error> {
     let temporary = write_beside(path, bytes)?;
     let is_new = match fs::hard_link(&temporary, path) {

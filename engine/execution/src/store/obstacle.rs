@@ -45,8 +45,8 @@ impl Store {
         Error::Damaged { path, problem }
     }
 
-    /// As [`obstacle`](Self::obstacle), once a file of the trial could not be written: lacking rights at its
-    /// place count, too.
+    /// Like [`obstacle`](Self::obstacle), once a file of the trial could not be written: lacking rights at its place
+    /// count, too.
     #[must_use]
     pub fn obstacle_to_writing(&self, id: &str) -> Option<Error> {
         let folder = self.folder(id);

@@ -50,14 +50,14 @@ impl Owner {
         }
     }
 
-    /// Whether the process still runs; `None` where that cannot be told from here.
+    /// Whether the process still runs; `None` if that cannot be told from here.
     #[must_use]
     pub fn is_alive(&self) -> Option<bool> {
         self.is_alive_seen_from(&Self::this_process(), process::look)
     }
 
-    /// As [`is_alive`](Self::is_alive), from the place of the process `here`; `look` shows the state of a
-    /// process id there.
+    /// Like [`is_alive`](Self::is_alive), from the place of the process `here`; `look` shows the state of a process id
+    /// there.
     fn is_alive_seen_from(&self, here: &Self, look: impl Fn(u32) -> ProcessState) -> Option<bool> {
         if here.boot.is_empty() || (&self.host, &self.boot) != (&here.host, &here.boot) {
             return None;

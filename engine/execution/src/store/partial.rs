@@ -39,7 +39,7 @@ pub struct Partial {
 }
 
 impl Partial {
-    /// Step of the last measurement while learning; `None` where there was none.
+    /// Step of the last measurement while learning; `None` if there was none.
     #[must_use]
     pub fn step(&self) -> Option<u64> {
         let measured = self.table.rows.iter().filter(|row| row.phase == Phase::Evaluate);
@@ -86,11 +86,10 @@ pub(super) fn rows_until(record: &Recorder, step: u64) -> usize {
 }
 
 impl Store {
-    /// The record of a trial that has not ended `ok`, in its folder or in a pack; `None` where none is
-    /// stored.
+    /// The record of a trial that has not ended `ok`, in its folder or in a pack; `None` if none is stored.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the file was changed, or is of another trial.
+    /// [`Error::Damaged`] if the file was changed, or is of another trial.
     pub fn partial(&self, id: &str) -> Result<Option<Partial>, Error> {
         match self.farthest_file(id)? {
             Some((path, bytes)) => decode(id, &bytes, &path).map(Some),
@@ -122,7 +121,7 @@ impl Store {
     /// stored record stays where it holds more. A damaged one is set aside.
     ///
     /// # Errors
-    /// [`Error::File`] where a file cannot be written.
+    /// [`Error::File`] if a file cannot be written.
     pub fn keep_partial(&self, trial: &Trial, end: TrialEnd, record: &Recorder) -> Result<(), Error> {
         let metrics = metrics_file::encode(record, &trial.id)?;
         let digest = digest::of_bytes(&metrics);
@@ -158,7 +157,7 @@ impl Store {
             .try_for_each(|name| remove(&folder.join(name)))
     }
 
-    /// The bytes of a trial's intact record, with their content; `None` where there are none.
+    /// The bytes of a trial's intact record, with their content; `None` if there are none.
     pub(super) fn partial_bytes(&self, id: &str) -> Result<Option<(Vec<u8>, Partial)>, Error> {
         let Some(partial) = self.partial(id)? else {
             return Ok(None);
@@ -174,7 +173,7 @@ impl Store {
     /// The metrics and the acknowledgement of a paused trial, by their names; empty where none is stored.
     ///
     /// # Errors
-    /// As [`partial`](Self::partial).
+    /// The errors of [`partial`](Self::partial).
     pub fn files_at_pause(&self, id: &str) -> Result<Vec<(String, Vec<u8>)>, Error> {
         let Some((bytes, _)) = self.partial_bytes(id)? else {
             return Ok(Vec::new());

@@ -6,7 +6,7 @@ use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// The value that a file holds under a key; `None` where there is none, or where its check does not hold.
+/// The value that a file holds under a key; `None` if there is none, or where its check does not hold.
 pub(super) fn recall<T: DeserializeOwned>(path: &Path, key: &str) -> Option<T> {
     let text = read_file(path).ok()??;
     if !seal::is_sealed(&text) {

@@ -140,7 +140,7 @@ impl RunningTrial {
         self
     }
 
-    /// Record of the trial up to its pause; `None` where it has not come there.
+    /// Record of the trial up to its pause; `None` if it has not come there.
     #[must_use]
     pub fn at_pause(&self) -> Option<&Recorder> {
         self.paused.as_ref()
@@ -162,7 +162,7 @@ impl RunningTrial {
     /// Removes the files that are kept for an ended trial; there may be none.
     ///
     /// # Errors
-    /// [`Error::File`] where a file cannot be removed.
+    /// [`Error::File`] if a file cannot be removed.
     pub fn discard(folder: &Path) -> Result<(), Error> {
         let running = running(folder);
         absent_is_fine(fs::remove_dir_all(&running)).map_err(Error::file("remove", &running))
@@ -181,7 +181,7 @@ impl RunningTrial {
         self.folder.join(format!("{PREFIX}{number}"))
     }
 
-    /// State, log and rows of a checkpoint; `None` where it is not whole.
+    /// State, log and rows of a checkpoint; `None` if it is not whole.
     fn read(&self, number: u64) -> Result<Option<(TrialCheckpoint, MetricLog, MetricsTable)>, Error> {
         let folder = self.checkpoint(number);
         if !is_whole(&folder, &self.trial) {

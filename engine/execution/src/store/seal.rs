@@ -19,7 +19,7 @@ pub(super) fn is_sealed(text: &[u8]) -> bool {
     before_check(text).is_some()
 }
 
-/// The text of the object that was [`sealed`]; `None` where the check does not hold.
+/// The text of the object that was [`sealed`]; `None` if the check does not hold.
 pub(super) fn unsealed(text: &[u8]) -> Option<Vec<u8>> {
     before_check(text).map(|object| [object, b"}"].concat())
 }

@@ -24,7 +24,7 @@ struct Manifest {
 /// Flushes every file of a folder to the disk and adds the manifest last.
 ///
 /// # Errors
-/// [`Error::File`] where a file cannot be read or written.
+/// [`Error::File`] if a file cannot be read or written.
 pub(super) fn seal(folder: &Path, trial: &str) -> Result<(), Error> {
     let manifest = describe(folder, trial).map_err(Error::file("read", folder))?;
     let text = serde_json::to_vec(&manifest)
@@ -56,7 +56,7 @@ pub(crate) fn flush(path: &Path) -> io::Result<()> {
 /// done so.
 ///
 /// # Errors
-/// [`Error::File`] where a folder of the store cannot be flushed.
+/// [`Error::File`] if a folder of the store cannot be flushed.
 pub(super) fn flush_way_to(trial: &Path) -> Result<(), Error> {
     flush_way(trial, 3)
 }
@@ -65,7 +65,7 @@ pub(super) fn flush_way_to(trial: &Path) -> Result<(), Error> {
 /// above it; the last of these is the store.
 ///
 /// # Errors
-/// [`Error::File`] where a folder of the store cannot be flushed.
+/// [`Error::File`] if a folder of the store cannot be flushed.
 pub(crate) fn flush_way(to: &Path, folders: usize) -> Result<(), Error> {
     let mut above = to.ancestors().skip(1).map(named_or_here);
     for folder in above.by_ref().take(folders) {

@@ -81,11 +81,11 @@ impl SeenVerdicts {
 }
 
 impl Store {
-    /// The record of the verdicts of a study that were seen; `None` where there is none.
+    /// The record of the verdicts of a study that were seen; `None` if there is none.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the file was changed, [`Error::Newer`] for that of a later program, and
-    /// [`Error::File`] where it cannot be read.
+    /// [`Error::Damaged`] if the file was changed, [`Error::Newer`] for that of a later program, and [`Error::File`] if
+    /// it cannot be read.
     pub fn seen_verdicts(&self, study: &str) -> Result<Option<SeenVerdicts>, Error> {
         let path = self.root.join(file_of(study));
         let text = inside::read(&path)?;
@@ -118,7 +118,7 @@ impl Store {
     /// Writes the record of a study.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be written.
+    /// [`Error::File`] if it cannot be written.
     pub fn keep_seen(&self, study: &str, seen: &SeenVerdicts) -> Result<(), Error> {
         let path = self.root.join(file_of(study));
         let folder = path.parent().unwrap_or(&self.root);
@@ -129,7 +129,7 @@ impl Store {
     /// Studies with a record, intact or not.
     ///
     /// # Errors
-    /// [`Error::File`] where the folder cannot be read.
+    /// [`Error::File`] if the folder cannot be read.
     pub fn studies_seen(&self) -> Result<Vec<String>, Error> {
         let names = names(&self.root.join(LOOKS))?;
         let studies = names.iter().filter_map(|name| name.strip_suffix(".json"));

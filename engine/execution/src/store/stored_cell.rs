@@ -38,7 +38,7 @@ impl Took {
         self.wall_s += others.wall_s;
     }
 
-    /// Mean seconds of a trial; `None` where there is none.
+    /// Mean seconds of a trial; `None` if there is none.
     #[must_use]
     pub fn mean_s(self) -> Option<f64> {
         (self.trials > 0).then(|| self.wall_s / f64::from(self.trials))

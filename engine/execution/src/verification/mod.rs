@@ -58,7 +58,7 @@ pub fn rounds(trials: &[&Trial]) -> Vec<Vec<usize>> {
     rounds
 }
 
-/// Reason why this program may not come to the same numbers; `None` where it has to.
+/// Reason why this program may not come to the same numbers; `None` if it has to.
 #[must_use]
 pub fn cannot(key: &TrialKey, registry: &Registry) -> Option<String> {
     let agents = key.agent.parts().into_iter().map(|part| ("agent", part));

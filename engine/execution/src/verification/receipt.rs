@@ -48,9 +48,9 @@ pub struct ReceiptEntry {
     pub setting: String,
     /// The replicate.
     pub seed: u64,
-    /// Fingerprint of the stored trial; `None` where it cannot be read.
+    /// Fingerprint of the stored trial; `None` if it cannot be read.
     pub stored: Option<Fingerprint>,
-    /// Fingerprint of the new computation; `None` where there was none.
+    /// Fingerprint of the new computation; `None` if there was none.
     pub now: Option<Fingerprint>,
     /// Result of the comparison.
     #[serde(flatten)]

@@ -183,8 +183,7 @@ fn line_of(path: &str) -> Option<String> {
     fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
 }
 
-/// The boot and the process namespace; `None` where they cannot be told, or where `/proc` shows another
-/// namespace.
+/// The boot and the process namespace; `None` if they cannot be told, or where `/proc` shows another namespace.
 fn boot() -> Option<String> {
     let namespace = fs::read_link("/proc/self/ns/pid").ok()?;
     let own_view = fs::read_link("/proc/self").is_ok_and(|link| link == Path::new(&id().to_string()));

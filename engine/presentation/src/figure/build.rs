@@ -26,7 +26,7 @@ pub struct Context<'a> {
 /// Computes a figure.
 ///
 /// # Errors
-/// [`Error::Render`] where the results lack the values that the figure shows.
+/// [`Error::Render`] if the results lack the values that the figure shows.
 pub fn build(spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let mut chart = spec.kind.build(spec, context)?;
     for panel in &mut chart.panels {

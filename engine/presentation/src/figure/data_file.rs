@@ -21,7 +21,7 @@ impl Chart {
     /// `n` is the number of runs behind the points of the series.
     ///
     /// # Errors
-    /// [`Error::Render`] where the writer refuses.
+    /// [`Error::Render`] if the writer refuses.
     pub fn csv(&self) -> Result<String, Error> {
         if let Some(lines) = drawn::lines(self) {
             return write_csv(lines);

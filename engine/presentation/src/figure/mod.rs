@@ -133,7 +133,7 @@ pub trait Figure: KindOptions {
     /// Computes its panels.
     ///
     /// # Errors
-    /// [`Error::Render`] where the results lack the values that it shows.
+    /// [`Error::Render`] if the results lack the values that it shows.
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error>;
 }
 
@@ -219,7 +219,7 @@ pub fn is_wide(chart: &Chart) -> bool {
 /// A chart as an SVG file, sized in millimetres for one or two columns of a paper.
 ///
 /// # Errors
-/// [`Error::Render`] where the drawing is refused.
+/// [`Error::Render`] if the drawing is refused.
 pub fn svg(chart: &Chart) -> Result<String, Error> {
     // A width from the study is kept to a hundredth of a millimetre.
     let decimals = if chart.paper.width_mm.is_some() { 2 } else { 1 };
@@ -229,7 +229,7 @@ pub fn svg(chart: &Chart) -> Result<String, Error> {
 /// Writes a chart as a PNG file of 288 pixels per inch; the path must end in `.png`.
 ///
 /// # Errors
-/// [`Error::Render`] where the drawing is refused or the file cannot be written.
+/// [`Error::Render`] if the drawing is refused or the file cannot be written.
 pub fn png(chart: &Chart, path: &Path) -> Result<(), Error> {
     paint::png(&layout::draw(chart), path)
 }

@@ -16,7 +16,7 @@ const POINTS_PER_INCH: f32 = 72.0;
 /// same bytes. Letters that the font lacks are read as U+FFFD: all have one glyph, which the file can name only once.
 ///
 /// # Errors
-/// [`Error::Render`] where the drawing is refused.
+/// [`Error::Render`] if the drawing is refused.
 pub fn pdf(svg: &str) -> Result<Vec<u8>, Error> {
     let mut fonts = fontdb::Database::new();
     fonts.load_font_data(FONT.to_vec());

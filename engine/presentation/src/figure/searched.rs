@@ -19,7 +19,7 @@ impl<'a> CompletedSettings<'a> {
     /// The completed settings of the search with this name.
     ///
     /// # Errors
-    /// [`Error::Render`] where there is no such search, or no setting was completed.
+    /// [`Error::Render`] if there is no such search, or no setting was completed.
     pub(super) fn of(name: &str, context: Context<'a>) -> Result<Self, Error> {
         let all = &context.results.searches;
         let result = all

@@ -40,7 +40,7 @@ impl<'a> Place<'a> {
         }
     }
 
-    /// The mapping under a key; `None` where it is not given.
+    /// The mapping under a key; `None` if it is not given.
     #[must_use]
     pub fn below(&self, key: &str) -> Option<Place<'a>> {
         self.node

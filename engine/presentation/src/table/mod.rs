@@ -84,7 +84,7 @@ pub trait Table: KindOptions {
     /// Computes rows, columns and cells, without published values.
     ///
     /// # Errors
-    /// [`Error::Render`] where the results lack the values that it shows.
+    /// [`Error::Render`] if the results lack the values that it shows.
     fn build(&self, results: &Results) -> Result<Grid, Error>;
 
     /// Agents to which a row's single published value does not apply.

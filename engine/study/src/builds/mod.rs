@@ -190,7 +190,7 @@ struct Builder<'a> {
     sections: &'a Sections<'a>,
     cells: &'a Cells,
     stubs: Stubs,
-    /// By id; `None` where the build failed and was reported.
+    /// By id; `None` if the build failed and was reported.
     environments: BTreeMap<String, Option<Arc<Facts>>>,
     protocols: BTreeMap<String, Option<ProtocolMetrics>>,
     /// Steps that a built agent needs before it learns, by the origins of environment and agent.

@@ -22,7 +22,7 @@ use std::{
 #[derive(Debug, Default)]
 pub struct Stubs {
     root: Option<tempfile::TempDir>,
-    /// `None` where the cell's parts were refused.
+    /// `None` if the cell's parts were refused.
     folders: BTreeMap<usize, Option<PathBuf>>,
 }
 
@@ -55,7 +55,7 @@ impl Builder<'_> {
         Ok(true)
     }
 
-    /// The folder with the stubs of a cell; `None` where its parts are refused.
+    /// The folder with the stubs of a cell; `None` if its parts are refused.
     pub(super) fn stub(&mut self, index: usize) -> Option<PathBuf> {
         if let Some(known) = self.stubs.folders.get(&index) {
             return known.clone();

@@ -19,9 +19,9 @@ pub struct PartIndex(usize);
 pub struct Difference {
     /// The differing key or version, as in `protocol.steps` or `agent version`.
     pub what: String,
-    /// The stored value; `None` where the stored trial has no such key.
+    /// The stored value; `None` if the stored trial has no such key.
     pub stored: Option<Value>,
-    /// The planned value; `None` where the planned trial has no such key.
+    /// The planned value; `None` if the planned trial has no such key.
     pub planned: Option<Value>,
 }
 

@@ -74,7 +74,7 @@ impl NormalisedNetwork {
     /// where it normalises its inputs, `NAME.norm`.
     ///
     /// # Panics
-    /// As [`Network::new`].
+    /// The errors of [`Network::new`].
     #[must_use]
     pub fn new(name: &str, sizes: &[usize], activations: &[Activation], normalises: bool) -> Self {
         Self {
@@ -198,7 +198,7 @@ impl NormalisedNetwork {
     /// Stores the parameters in a policy file, under their names.
     ///
     /// # Panics
-    /// Where the state lacks a parameter.
+    /// If the state lacks a parameter.
     pub fn store(&self, state: &State<f32>, file: &mut TensorFile) {
         store_network(&self.network, self.network.name(), state, file);
         for name in self.norm_names() {
@@ -209,7 +209,7 @@ impl NormalisedNetwork {
     /// Restores the parameters that [`NormalisedNetwork::store`] wrote; the optimiser stays as it is.
     ///
     /// # Errors
-    /// [`TensorFileError`] where a parameter is missing or has another shape.
+    /// [`TensorFileError`] if a parameter is missing or has another shape.
     pub fn restore(&self, state: &mut State<f32>, file: &TensorFile) -> Result<(), TensorFileError> {
         let mut norm = self.norm_names().into_iter();
         norm.try_for_each(|name| restore_vector(&name, self.n_inputs(), state, file))?;
@@ -253,7 +253,7 @@ impl RunningMoments {
     /// Stores the moments in a policy file, under their names.
     ///
     /// # Panics
-    /// Where the state lacks them.
+    /// If the state lacks them.
     pub fn store(&self, state: &State<f32>, file: &mut TensorFile) {
         self.names()
             .iter()
@@ -263,7 +263,7 @@ impl RunningMoments {
     /// Restores the moments that [`RunningMoments::store`] wrote.
     ///
     /// # Errors
-    /// [`TensorFileError`] where they are missing or of another number of inputs.
+    /// [`TensorFileError`] if they are missing or of another number of inputs.
     pub fn restore(&self, state: &mut State<f32>, file: &TensorFile) -> Result<(), TensorFileError> {
         let mut names = self.names().into_iter();
         names.try_for_each(|name| restore_vector(&name, self.n_inputs, state, file))

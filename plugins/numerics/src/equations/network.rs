@@ -22,7 +22,7 @@ impl Network {
     /// per layer.
     ///
     /// # Panics
-    /// Where the number of activations is neither that of the layers nor that of the hidden ones.
+    /// If the number of activations is neither that of the layers nor that of the hidden ones.
     #[must_use]
     pub fn new(name: impl Into<String>, sizes: &[usize], activations: &[Activation]) -> Self {
         assert!(

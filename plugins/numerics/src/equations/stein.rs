@@ -33,7 +33,7 @@ pub struct SteinDirection<'e> {
 /// Direction phi of every moved particle of `rows` rows, which are independent of each other.
 ///
 /// # Panics
-/// Where the shapes do not fit or fewer than 2 particles of a row are held.
+/// If the shapes do not fit or fewer than 2 particles of a row are held.
 #[must_use]
 #[allow(
     clippy::cast_precision_loss,

@@ -82,7 +82,7 @@ impl Graph {
     /// Adds a constant of a shape, the last dimension running fastest.
     ///
     /// # Panics
-    /// Where the number of entries is not the product of the shape.
+    /// If the number of entries is not the product of the shape.
     pub fn constant(&mut self, name: &str, shape: &[usize], values: &[f32]) -> Value {
         assert_eq!(
             shape.iter().product::<usize>(),
@@ -96,7 +96,7 @@ impl Graph {
     /// Adds a constant of integers, such as positions, with a shape.
     ///
     /// # Panics
-    /// Where the number of entries is not the product of the shape.
+    /// If the number of entries is not the product of the shape.
     pub fn positions(&mut self, name: &str, shape: &[usize], values: &[usize]) -> Value {
         assert_eq!(
             shape.iter().product::<usize>(),

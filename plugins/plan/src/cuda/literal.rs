@@ -27,7 +27,7 @@ impl Literal {
     /// Compiles the kernels to a file that is not there yet.
     ///
     /// # Errors
-    /// [`Error`] where no [`COMPILER`] is found, or it fails.
+    /// [`Error`] if no [`COMPILER`] is found, or it fails.
     pub fn new(kernels: &Kernels, program: &Path) -> Result<Self, Error> {
         let source = program.with_extension("cpp");
         std::fs::write(&source, kernels.host_program())?;
@@ -46,7 +46,7 @@ impl Literal {
     /// Runs the routine; `states` are those of all members, one after the other. Returns the outputs of each run.
     ///
     /// # Errors
-    /// [`Error`] where the program fails.
+    /// [`Error`] if the program fails.
     pub fn run(&self, states: &mut [f32], batch: &Batch<'_>) -> Result<Vec<f32>, Error> {
         let n_members = states.len().checked_div(batch.state_size).unwrap_or(0);
         let counts = [n_members, batch.state_size, batch.members.len()].map(count);

@@ -147,7 +147,7 @@ impl Kernels {
     /// Adds moments that a state lacks, counts its steps, and returns the words of a run.
     ///
     /// # Panics
-    /// Where the state lacks a parameter or has another shape of it.
+    /// If the state lacks a parameter or has another shape of it.
     pub fn prepare(&self, state: &mut State<f32>, seed: u64) -> Vec<u32> {
         self.add_moments(state);
         let halves = [seed & 0xffff_ffff, seed >> 32].map(|half| u32::try_from(half).unwrap_or(0));
@@ -168,7 +168,7 @@ impl Kernels {
     /// Adds moments that a state lacks, as zeros.
     ///
     /// # Panics
-    /// Where the state lacks a parameter or has another shape of it.
+    /// If the state lacks a parameter or has another shape of it.
     pub fn add_moments(&self, state: &mut State<f32>) {
         for leaf in &self.tensors {
             state.place(&leaf.name, leaf.shape, leaf.is_moment);

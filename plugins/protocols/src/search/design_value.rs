@@ -40,7 +40,7 @@ impl DesignValue {
         }
     }
 
-    /// Metric and value of a chosen design, for those who read the choice; `None` where the return decided.
+    /// Metric and value of a chosen design, for those who read the choice; `None` if the return decided.
     pub(super) fn observed(&self, candidate: &Candidate) -> Option<Observed> {
         match self {
             Self::Return => None,

@@ -75,8 +75,8 @@ impl Client<'_> {
     /// Hands over a request. A request that the server took before is not handed over again.
     ///
     /// # Errors
-    /// [`Error::Refused`] where there is no package, no server, or a server that says no; [`Error::Busy`] or
-    /// [`Error::Silent`] where it does not answer.
+    /// [`Error::Refused`] if there is no package, no server, or a server that says no; [`Error::Busy`] or
+    /// [`Error::Silent`] if it does not answer.
     pub fn submit(&self, request: &Path) -> Result<Job, Error> {
         self.call("submit", request.as_os_str())
     }
@@ -84,7 +84,7 @@ impl Client<'_> {
     /// Counts of ended tasks of these jobs.
     ///
     /// # Errors
-    /// As [`submit`](Self::submit).
+    /// The errors of [`submit`](Self::submit).
     pub fn count(&self, jobs: &[u64]) -> Result<Counts, Error> {
         self.call("count", format!("{jobs:?}").as_ref())
     }

@@ -93,10 +93,10 @@ fn note(submission: &Submission, array: usize) -> PathBuf {
     submission.folder().join(format!("array-{array}.job"))
 }
 
-/// The job of an array; `None` where no server took it.
+/// The job of an array; `None` if no server took it.
 ///
 /// # Errors
-/// Where the note cannot be read.
+/// The note cannot be read.
 pub fn job(submission: &Submission, array: usize) -> Result<Option<Job>, Error> {
     let path = note(submission, array);
     let damaged = |source: serde_json::Error| Error::Damaged {

@@ -37,7 +37,7 @@ impl Client<'_> {
     /// The tasks of jobs with these names that Slurm knows of. It forgets ended ones after some minutes.
     ///
     /// # Errors
-    /// [`Error::Busy`] or [`Error::Silent`] where the controller does not answer.
+    /// [`Error::Busy`] or [`Error::Silent`] if the controller does not answer.
     pub fn tasks(&self, names: &[String]) -> Result<Vec<Task>, Error> {
         if names.is_empty() {
             return Ok(Vec::new());
@@ -60,8 +60,8 @@ impl Client<'_> {
     /// Submits a script and returns the job's id.
     ///
     /// # Errors
-    /// [`Error::Refused`] where Slurm says no, [`Error::Busy`] or [`Error::Silent`] where the controller does not
-    /// answer; the job may exist even then.
+    /// [`Error::Refused`] if Slurm says no, [`Error::Busy`] or [`Error::Silent`] if the controller does not answer; the
+    /// job may exist even then.
     pub fn submit(&self, script: &Path) -> Result<String, Error> {
         let answer = self.call("sbatch", &[OsStr::new("--parsable"), script.as_os_str()])?;
         // A federation adds `;cluster`.
@@ -83,10 +83,10 @@ impl Client<'_> {
         Ok(id.into())
     }
 
-    /// The cluster's `MaxArraySize`; `None` where its configuration does not show one.
+    /// The cluster's `MaxArraySize`; `None` if its configuration does not show one.
     ///
     /// # Errors
-    /// [`Error::Busy`] or [`Error::Silent`] where the controller does not answer.
+    /// [`Error::Busy`] or [`Error::Silent`] if the controller does not answer.
     pub fn max_array_size(&self) -> Result<Option<usize>, Error> {
         let config = self.call("scontrol", &["show", "config"])?;
         Ok(setting(&config, "MaxArraySize").and_then(|text| text.parse().ok()))
@@ -95,7 +95,7 @@ impl Client<'_> {
     /// Cancels the jobs of a submission: all, or those that have not started.
     ///
     /// # Errors
-    /// As [`submit`](Self::submit).
+    /// The errors of [`submit`](Self::submit).
     pub fn cancel(&self, name: &str, pending_only: bool) -> Result<(), Error> {
         let name = format!("--name={name}");
         let arguments: &[&str] = if pending_only {

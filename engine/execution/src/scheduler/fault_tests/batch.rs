@@ -36,7 +36,7 @@ const WAITING: usize = 2;
 #[derive(Default)]
 struct Batch {
     jobs: Mutex<Vec<Job>>,
-    /// Largest number of living tasks; `None` where more are allowed.
+    /// Largest number of living tasks; `None` if more are allowed.
     most: Option<usize>,
 }
 

@@ -113,7 +113,7 @@ impl HostReachability {
     /// identifies this program.
     ///
     /// # Errors
-    /// [`Error::File`] where this program cannot be read.
+    /// [`Error::File`] if this program cannot be read.
     pub fn reach(
         access: &Access,
         store: &Path,

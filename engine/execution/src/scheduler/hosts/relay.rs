@@ -83,7 +83,7 @@ impl Relay {
     /// Works in the folder `store`, seen from the current one.
     ///
     /// # Errors
-    /// [`Error::File`] where that folder cannot be written.
+    /// [`Error::File`] if that folder cannot be written.
     pub fn open(store: &Path, lease_expiry: Duration) -> Result<Self, Error> {
         let program = std::env::current_exe().map_err(broken)?;
         let store = Store::at(store);
@@ -100,7 +100,7 @@ impl Relay {
     /// at once.
     ///
     /// # Errors
-    /// [`Error::Worker`] where the other side is gone.
+    /// [`Error::Worker`] if the other side is gone.
     pub fn serve(
         &self,
         build: Option<&Build>,

@@ -50,7 +50,7 @@ impl Bucket {
     /// environment variables, which hold keys.
     ///
     /// # Errors
-    /// [`Error::Bucket`] for a text that is no address, where keys are missing, and where no object storage is registered.
+    /// [`Error::Bucket`] for a text that is no address, where keys are missing, and if no object storage is registered.
     pub fn at(
         address: &str,
         registry: &Registry,
@@ -160,7 +160,7 @@ fn key(id: &str) -> String {
     format!("trials/{id}")
 }
 
-/// The end of the trial of a bundle; `None` where it cannot be read.
+/// The end of the trial of a bundle; `None` if it cannot be read.
 fn end_in(bundle: &Bundle) -> Option<TrialEnd> {
     let (_, acknowledgement) = bundle.iter().find(|(name, _)| name == "trial.json")?;
     Some(index::parse(acknowledgement).ok()?.end)
@@ -181,7 +181,7 @@ impl Store {
     /// Fetches those of the trials that are shared and not here. Does nothing without a bucket.
     ///
     /// # Errors
-    /// [`Error::Bucket`] where the bucket cannot be read, and the errors of leases and of writing a trial.
+    /// [`Error::Bucket`] if the bucket cannot be read, and the errors of leases and of writing a trial.
     pub fn fetch<'a>(&self, ids: impl IntoIterator<Item = &'a str>) -> Result<FetchReport, Error> {
         let mut fetched = FetchReport::default();
         let Some(bucket) = &self.bucket else {
@@ -218,7 +218,7 @@ impl Store {
     /// returns their number. Does nothing without a bucket.
     ///
     /// # Errors
-    /// As [`fetch`](Self::fetch).
+    /// The errors of [`fetch`](Self::fetch).
     pub fn bring<'a>(&self, ids: impl IntoIterator<Item = &'a str>) -> Result<usize, Error> {
         let Some(bucket) = &self.bucket else { return Ok(0) };
         let shared = bucket.trials()?;

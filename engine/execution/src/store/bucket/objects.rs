@@ -44,7 +44,7 @@ pub enum WriteCondition<'a> {
 
 /// Objects by their keys below the prefix. Errors are sentences.
 pub trait Objects: Send + Sync + Debug {
-    /// Reads an object; `None` where there is none.
+    /// Reads an object; `None` if there is none.
     fn get(&self, key: &str) -> Result<Option<Object>, String>;
     /// Writes an object; false where the condition does not hold.
     fn put(&self, key: &str, bytes: &[u8], when: WriteCondition<'_>) -> Result<bool, String>;

@@ -55,8 +55,8 @@ impl Merge<'_> {
         fate
     }
 
-    /// Fate of a trial that has paused in the source, where the destination knows as much or more, or other
-    /// values; `None` where it knows less.
+    /// Fate of a trial that has paused in the source, where the destination knows as much or more, or other values;
+    /// `None` if it knows less.
     pub(super) fn known_of(&self, id: &str, there: &Partial, source: &Store) -> Result<Option<Fate>, Error> {
         let here = match look(self.into, id)? {
             Err(findings) => {
@@ -84,7 +84,7 @@ impl Merge<'_> {
     /// where it is known here.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the destination has other values, and where it cannot be read or written.
+    /// [`Error::Damaged`] if the destination has other values, and if it cannot be read or written.
     pub(in crate::store) fn pause_under_own_lease(
         &self,
         id: &str,

@@ -13,12 +13,11 @@ use contract::Error;
 use std::{collections::HashSet, time::Duration};
 
 impl Store {
-    /// Packs those of the trials that ended `ok` and left nothing but metrics, where they are `many` or more,
-    /// and completes an interrupted packing of them; `None` where there are too few, or packing is not
-    /// allowed.
+    /// Packs those of the trials that ended `ok` and left nothing but metrics, where they are `many` or more, and
+    /// completes an interrupted packing of them; `None` if there are too few, or packing is not allowed.
     ///
     /// # Errors
-    /// [`Error::File`] where the store cannot be read or written.
+    /// [`Error::File`] if the store cannot be read or written.
     pub fn pack_at_end<'a>(
         &self,
         trials: impl Iterator<Item = &'a str>,

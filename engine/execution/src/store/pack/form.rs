@@ -62,7 +62,7 @@ impl PackEntry {
     }
 }
 
-/// The id of a trial as a number; `None` where the text is no id.
+/// The id of a trial as a number; `None` if the text is no id.
 pub(super) fn number(id: &str) -> Option<u128> {
     let digits = id.len() == 32 && id.bytes().all(|byte| byte.is_ascii_hexdigit());
     digits.then(|| u128::from_str_radix(id, 16).ok()).flatten()
@@ -210,7 +210,7 @@ fn written_index(file: &mut (impl Read + Seek), length: u64) -> io::Result<Optio
     Ok(entries.map(|entries| (entries, at)))
 }
 
-/// Offset and hash of the index, from the end of a pack; `None` where they do not fit the file.
+/// Offset and hash of the index, from the end of a pack; `None` if they do not fit the file.
 fn place_of_index(end: &[u8], end_at: u64) -> Option<(u64, String)> {
     let end = std::str::from_utf8(end).ok()?;
     let words: Vec<&str> = end

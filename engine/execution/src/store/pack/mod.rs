@@ -59,8 +59,7 @@ impl ShortTrial {
         self.state(id).is_some()
     }
 
-    /// End state of this trial, which ended `ok` or has paused; `None` where it differs from its
-    /// acknowledgement.
+    /// End state of this trial, which ended `ok` or has paused; `None` if it differs from its acknowledgement.
     fn state(&self, id: &str) -> Option<EndState> {
         let trial = parse(&self.acknowledgement)
             .ok()
@@ -74,7 +73,7 @@ impl Store {
     /// The packs that the store has now.
     ///
     /// # Errors
-    /// [`Error::File`] where a pack cannot be read.
+    /// [`Error::File`] if a pack cannot be read.
     pub(super) fn packs(&self) -> Result<Vec<Arc<Pack>>, Error> {
         let folder = self.root.join(FOLDER);
         let there = names(&folder)?;
@@ -109,11 +108,11 @@ impl Store {
         .collect()
     }
 
-    /// The acknowledgement of a trial that lies in a pack, whole and of this trial, and its end; `None` where
-    /// no pack has it.
+    /// The acknowledgement of a trial that lies in a pack, whole and of this trial, and its end; `None` if no pack has
+    /// it.
     ///
     /// # Errors
-    /// [`Error::File`] where a pack cannot be read.
+    /// [`Error::File`] if a pack cannot be read.
     pub(super) fn acknowledged_in_pack(&self, id: &str) -> Result<Option<AcknowledgedTrial>, Error> {
         let packs = self.packs_of(id)?;
         acknowledged_in(&mut readers(&packs)?, id)
@@ -122,7 +121,7 @@ impl Store {
     /// The metrics of a trial that a pack has with the hash that was acknowledged.
     ///
     /// # Errors
-    /// [`Error::File`] where a pack cannot be read.
+    /// [`Error::File`] if a pack cannot be read.
     pub(super) fn metrics_in_pack(&self, id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
         let packs = self.packs_of(id)?;
         metrics_in(&mut readers(&packs)?, id, digest)
@@ -145,7 +144,7 @@ impl Store {
     /// Whole records of a paused trial in packs.
     ///
     /// # Errors
-    /// [`Error::File`] where a pack cannot be read.
+    /// [`Error::File`] if a pack cannot be read.
     pub(super) fn paused_in_packs(&self, id: &str) -> Result<Vec<ShortTrial>, Error> {
         let mut found = Vec::new();
         for pack in self.packs_of(id)? {
@@ -169,7 +168,7 @@ pub(super) type AcknowledgedTrial = (Vec<u8>, StoredTrial);
 /// The acknowledgement of a trial that has ended from the first of these packs that has it whole.
 ///
 /// # Errors
-/// [`Error::File`] where a pack cannot be read.
+/// [`Error::File`] if a pack cannot be read.
 pub(super) fn acknowledged_in(
     packs: &mut [PackReader<'_>],
     id: &str,
@@ -190,7 +189,7 @@ pub(super) fn acknowledged_in(
 /// own bytes are not read: they may be damaged, as its metrics may.
 ///
 /// # Errors
-/// [`Error::File`] where a pack cannot be read.
+/// [`Error::File`] if a pack cannot be read.
 pub(super) fn outlined_in(packs: &mut [PackReader<'_>], id: &str) -> Result<Option<StoredTrial>, Error> {
     for pack in &mut *packs {
         let told = pack.outline(id)?.filter(|trial| trial.id() == id);
@@ -204,7 +203,7 @@ pub(super) fn outlined_in(packs: &mut [PackReader<'_>], id: &str) -> Result<Opti
 /// The metrics of a trial from the first of these packs that has them with the hash that was acknowledged.
 ///
 /// # Errors
-/// [`Error::File`] where a pack cannot be read.
+/// [`Error::File`] if a pack cannot be read.
 fn metrics_in(packs: &mut [PackReader<'_>], id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
     for pack in packs {
         let metrics = pack.metrics(id)?;
@@ -215,11 +214,10 @@ fn metrics_in(packs: &mut [PackReader<'_>], id: &str, digest: &str) -> Result<Op
     Ok(None)
 }
 
-/// End and metrics of a trial, from the first of these packs that have it; `None` where none has.
+/// End and metrics of a trial, from the first of these packs that have it; `None` if none has.
 ///
 /// # Errors
-/// [`Error::File`] where a pack cannot be read, [`Error::Damaged`] where no copy in the store matches its
-/// acknowledgement.
+/// [`Error::File`] if a pack cannot be read, [`Error::Damaged`] if no copy in the store matches its acknowledgement.
 pub(super) fn loaded_in(
     packs: &mut [PackReader<'_>],
     store: &Store,
@@ -247,13 +245,13 @@ pub(super) struct PackReader<'a> {
 /// Opens these packs.
 ///
 /// # Errors
-/// [`Error::File`] where one cannot be read.
+/// [`Error::File`] if one cannot be read.
 pub(super) fn readers(packs: &[Arc<Pack>]) -> Result<Vec<PackReader<'_>>, Error> {
     packs.iter().map(|pack| pack.reader()).collect()
 }
 
 impl PackReader<'_> {
-    /// Outline of a trial; `None` where the pack has none.
+    /// Outline of a trial; `None` if the pack has none.
     fn outline(&mut self, id: &str) -> Result<Option<StoredTrial>, Error> {
         let Some(place) = self.pack.place(id) else {
             return Ok(None);
@@ -314,7 +312,7 @@ impl PackReader<'_> {
 }
 
 impl Pack {
-    /// Opens a pack; `None` where it is gone.
+    /// Opens a pack; `None` if it is gone.
     fn open(path: &Path) -> Result<Option<Self>, Error> {
         if !inside::is_file(path) {
             return Ok(None);

@@ -107,7 +107,7 @@ impl OutlineWriter {
         self.outlines.extend(outline.to_bytes());
     }
 
-    /// Outline of a trial; `None` where it would not give the trial back to the bit.
+    /// Outline of a trial; `None` if it would not give the trial back to the bit.
     fn outline(&mut self, trial: StoredTrial) -> Option<Outline> {
         if trial.end.state != EndState::Ok {
             return None;
@@ -208,7 +208,7 @@ impl Outlines {
         }
     }
 
-    /// Offset and length of some outlines in bytes; `None` where there are none.
+    /// Offset and length of some outlines in bytes; `None` if there are none.
     pub(super) fn bytes_of(&self, places: &Range<usize>) -> Option<(u64, u64)> {
         let length = (places.len() * OUTLINE_LENGTH) as u64;
         (places.end <= self.count).then(|| (self.at + (places.start * OUTLINE_LENGTH) as u64, length))
@@ -222,7 +222,7 @@ impl Outlines {
     }
 }
 
-/// Offset and hash of the outlines, from the line that ends them; `None` where they do not fit the pack.
+/// Offset and hash of the outlines, from the line that ends them; `None` if they do not fit the pack.
 fn place(line: &[u8], line_at: u64, count: usize) -> Option<(u64, String)> {
     let line = std::str::from_utf8(line).ok()?;
     let words: Vec<&str> = line

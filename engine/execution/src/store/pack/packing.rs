@@ -37,7 +37,7 @@ pub(super) const FILES: [&str; 2] = ["trial.json", "metrics.parquet"];
 /// Result of a packing.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Packing {
-    /// The pack that was written, inside the store; `None` where no trial was new.
+    /// The pack that was written, inside the store; `None` if no trial was new.
     pub pack: Option<PathBuf>,
     /// Number of trials in the pack.
     pub packed: usize,
@@ -53,7 +53,7 @@ impl Store {
     /// Packs every trial that ended `ok` and left nothing but metrics. Folders go when the pack is `settle` old.
     ///
     /// # Errors
-    /// [`Error::File`] where the store cannot be read or written.
+    /// [`Error::File`] if the store cannot be read or written.
     pub fn pack(&self, leases: &Leases, settle: Duration) -> Result<Packing, Error> {
         refuse_links(self)?;
         let ids = self.ids_with_folders();

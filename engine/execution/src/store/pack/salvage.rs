@@ -20,7 +20,7 @@ impl Store {
     /// the old one where all are whole. A pack that is gone is skipped.
     ///
     /// # Errors
-    /// [`Error::File`] where a pack cannot be read or written.
+    /// [`Error::File`] if a pack cannot be read or written.
     pub(in crate::store) fn salvage(&self, path: &Path, to: &Path) -> Result<(), Error> {
         let old = self.root.join(path);
         let Some(pack) = Pack::open(&old)? else {

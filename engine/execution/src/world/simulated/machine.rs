@@ -43,7 +43,7 @@ pub struct Machine {
     pub time: Duration,
     pub disk: Disk,
     pub processes: Vec<SimulatedProcess>,
-    /// Place of the process that has the turn; `None` where no process is left.
+    /// Place of the process that has the turn; `None` if no process is left.
     pub turn: Option<usize>,
     /// The failure that ends the simulation.
     pub failed: Option<String>,

@@ -97,7 +97,7 @@ impl SharedMachine {
         self.machine.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until the process of a place begins; `None` where no further one does.
+    /// Waits until the process of a place begins; `None` if no further one does.
     fn begin(&self, at: usize) -> Option<u64> {
         let mut machine = self.lock();
         loop {

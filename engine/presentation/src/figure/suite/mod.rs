@@ -105,7 +105,7 @@ struct Player<'a> {
 
 impl<'a> Suite<'a> {
     /// # Errors
-    /// [`Error::Render`] where settings of a sweep would be pooled, or no agent has a score everywhere.
+    /// [`Error::Render`] if settings of a sweep would be pooled, or no agent has a score everywhere.
     fn of(asked: SuiteOptions<'a>, spec: &'a FigureSpec, context: Context<'a>) -> Result<Self, Error> {
         let all = Scope::of(context.results, &[], asked.environments);
         let scope = Scope::of(context.results, asked.agents, asked.environments);
