@@ -1,5 +1,4 @@
-//! Reading of files inside a store only: no symbolic link is followed, and no name leads out of a trial's
-//! folder.
+//! Reads files inside a store only: no symbolic link is followed, and no name leads out of a trial's folder.
 
 use super::lease::is_lease;
 use crate::world::fs;
@@ -53,8 +52,8 @@ fn no_file(path: &Path) -> Error {
     }
 }
 
-/// Metadata of the entry at a path, of a link itself; `None` if there is none. Unlike the answers below, it tells an
-/// entry that cannot be seen from an absent one.
+/// Metadata of the entry at a path, or of the link itself; `None` if there is none. Unlike the functions below, it
+/// distinguishes an entry that cannot be seen from an absent one.
 ///
 /// # Errors
 /// The error of the system.
@@ -102,12 +101,11 @@ pub(super) fn is_artifact(name: &str) -> bool {
         && ArtifactKind::ALL.iter().any(|kind| kind.has_file(name))
 }
 
-/// Names in a trial's folder under which no seat and no artifact keeps its files.
+/// Names in a trial's folder that no seat and no artifact may use.
 const NO_SEATS: [&str; 4] = ["running", "trial.json", "earlier.json", "metrics.parquet"];
 
-/// Paths of all files in a trial's folder and the folders in it, in order. Every other entry is listed as
-/// one: links, empty folders, folders deeper than any artifact, `running`, and folders with the name of a
-/// file.
+/// Paths of all files in a trial's folder and the folders in it, in order. Every other entry is listed as a file:
+/// links, empty folders, folders deeper than any artifact, `running`, and folders with the name of a file.
 ///
 /// # Errors
 /// [`Error::File`] if a folder cannot be read.
@@ -126,7 +124,7 @@ fn gather(folder: &Path, at: &str, deeper: usize, found: &mut Vec<String>) -> Re
         if may_have && look(&path)?.is_some_and(|data| data.is_dir()) {
             gather(&path, &format!("{inside}/"), deeper - 1, found)?;
         }
-        // A folder without files is listed as well.
+        // A folder without files is also listed.
         if found.len() == before {
             found.push(inside);
         }
