@@ -8,11 +8,11 @@ use std::collections::BTreeSet;
 pub struct StoredCell {
     /// Key of one of its trials.
     pub key: TrialKey,
-    /// The seeds of all of them.
+    /// The seeds of all these trials.
     pub seeds: BTreeSet<u64>,
     /// Device of the runs that computed them; `None` for processors alone.
     pub device: Option<String>,
-    /// Time of the trials that ended well.
+    /// Time of the trials that ended successfully.
     pub took: Took,
 }
 
