@@ -320,7 +320,7 @@ fn open(file: &Path) -> Result<Reader<Opened>, PublishedCurveError> {
     Ok(ReaderBuilder::new().trim(Trim::All).from_reader(opened))
 }
 
-/// Names of columns; empty for a file outside the study's folders.
+/// Names of columns; empty for a file outside the study's folder.
 fn known_columns(file: &Path, header: &StringRecord) -> Vec<String> {
     let names = header.iter().filter(|_| !reach::is_foreign(file));
     names.map(String::from).collect()

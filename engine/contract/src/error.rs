@@ -362,7 +362,7 @@ fn place(line: Option<u64>, column: Option<&str>) -> String {
     line + &column.map_or(String::new(), |column| format!(", column `{column}`"))
 }
 
-/// A problem with a file, without quoting the content of a file outside the study.
+/// A problem with a file, without quoting the content of a file outside the study's folder.
 fn said<'a>(path: &Path, problem: &'a str) -> Cow<'a, str> {
     if reach::is_foreign(path) {
         Cow::Owned(reach::without_words(problem))

@@ -54,7 +54,7 @@ impl SourceText {
 
 impl Sources {
     /// Adds a file under the name that messages show, its path; returns its index. The text of a file outside the
-    /// study's folders is not kept.
+    /// study's folder is not kept.
     pub fn add_file(&mut self, name: &str, text: &str) -> usize {
         let is_foreign = reach::is_foreign(Path::new(name));
         let index = self.add(name, if is_foreign { "" } else { text }, true);
@@ -172,7 +172,7 @@ pub struct TextLocation {
 }
 
 impl TextLocation {
-    /// The beginning of a text for a message, without words of a file outside the study's folders.
+    /// The beginning of a text for a message, without words of a file outside the study's folder.
     fn said(&self, text: &str, longest: usize) -> String {
         if self.is_foreign {
             shortened(&reach::without_words(text), longest)
