@@ -143,7 +143,7 @@ impl SweepPoint {
 }
 
 impl<K: Into<Arc<str>>> FromIterator<(K, Value)> for SweepPoint {
-    /// The point with these whole keys, each of which appears in words as [`names`] calls it.
+    /// The point with these whole keys; [`names`] decides how each appears in words.
     fn from_iter<T: IntoIterator<Item = (K, Value)>>(values: T) -> Self {
         let (keys, values): (Vec<Arc<str>>, Vec<Value>) =
             values.into_iter().map(|(key, value)| (key.into(), value)).unzip();

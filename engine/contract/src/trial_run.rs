@@ -33,7 +33,7 @@ impl TrialKey {
     ///
     /// # Errors
     /// Errors of plugins, [`Error::Source`] for an artifact of another trial that cannot be used, and
-    /// [`Error::Stopped`] where `keeper` asked the trial to stop.
+    /// [`Error::Stopped`] if `keeper` asked the trial to stop.
     pub fn run_after(
         &self,
         registry: &Registry,

@@ -23,7 +23,7 @@ pub struct AnswerText {
     /// nothing, such as that of a drawing, has no answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub by: Vec<String>,
-    /// How the system differs from that of the source, such as `other engines`; absent where it is the same.
+    /// Difference of the system from that of the source, such as `other engines`; absent where it is the same.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub system: String,
 }

@@ -37,7 +37,7 @@ enum SampleOrigin {
     Seeds,
     /// Imported runs, to which none can be added.
     Runs,
-    /// Published runs of which only mean and spread are known.
+    /// Published runs with known mean and spread only.
     Published,
 }
 

@@ -91,7 +91,7 @@ impl Sections<'_> {
         self.dimensions.iter().flat_map(|dimension| &dimension.keys)
     }
 
-    /// A warning for samples that came to the same setting.
+    /// A warning for samples that gave the same setting.
     pub fn repeats(&self) -> impl Iterator<Item = Diagnostic> {
         self.dimensions
             .iter()

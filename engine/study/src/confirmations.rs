@@ -32,7 +32,7 @@ pub(super) struct ConfirmationText {
     rows: Vec<String>,
     /// Seeds above all those that were used for these claims and values: a list, ranges, or a design with `first`.
     seeds: SeedsText,
-    /// The smallest difference that matters from now on, where the claims name none or a larger one.
+    /// The smallest difference that matters from now on, if the claims name none or a larger one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     min_effect: Option<f64>,

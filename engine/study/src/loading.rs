@@ -41,7 +41,7 @@ pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study
 /// The name of the study in a file, even if other sections are wrong.
 ///
 /// # Errors
-/// Mistakes because of which the file cannot be read as one document.
+/// Mistakes that keep the file from being read as one document.
 pub fn name_in(path: &Path, registry: &Registry, options: &Options) -> Result<String, Vec<Diagnostic>> {
     let (name, text) = read_text(path)?;
     let (schema, mut sources) = (json_schema(registry), Sources::default());

@@ -253,7 +253,7 @@ fn header(sizes: Vec<usize>, activations: &[Activation], ports: Ports, head: Hea
 }
 
 impl PolicyHeader {
-    /// Checks the header against itself and the tensors, before anything is allocated by its sizes.
+    /// Checks the header against itself and the tensors, before anything is allocated according to its sizes.
     fn fits(&self, file: &TensorFile) -> Result<(), TensorFileError> {
         let Self { sizes, outputs, .. } = self;
         let of_inputs = [&self.inputs.len(), &self.center.len(), &self.spread.len()];

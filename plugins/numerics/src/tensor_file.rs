@@ -119,7 +119,7 @@ impl TensorFile {
             .ok_or_else(|| TensorFileError::Missing { name: name.into() })
     }
 
-    /// Writes the file; replaces one that exists.
+    /// Writes the file; replaces an existing one.
     ///
     /// # Errors
     /// [`TensorFileError::File`] if the operating system refuses.

@@ -24,19 +24,19 @@ pub trait Member: Debug + Send + Sync {
     /// Writes a tensor.
     ///
     /// # Errors
-    /// [`Lost`] where the executor is gone.
+    /// [`Lost`] if the executor is gone.
     fn write(&self, tensor: &str, entries: &[f32]) -> Result<(), Lost>;
 
     /// Reads a tensor.
     ///
     /// # Errors
-    /// [`Lost`] where the executor is gone.
+    /// [`Lost`] if the executor is gone.
     fn read(&self, tensor: &str) -> Result<Vec<f32>, Lost>;
 
     /// Runs a routine with the words of [`Kernels::prepare`] and all inputs; returns all outputs.
     ///
     /// # Errors
-    /// [`Lost`] where the executor is gone or has no memory left.
+    /// [`Lost`] if the executor is gone or has no memory left.
     fn run(&self, kernels: &Arc<Kernels>, words: &[u32], inputs: &[f32]) -> Result<Vec<f32>, Lost>;
 }
 

@@ -1,5 +1,5 @@
-//! State that a plan keeps between runs, by its names: parameters, moments, numbers of steps, and numbers such as
-//! learning rates. One state serves every processor whose graph has its names and shapes, for any number of rows.
+//! State that a plan keeps between runs, by name: parameters, moments, numbers of steps, and numbers such as learning
+//! rates. One state serves every processor whose graph has its names and shapes, for any number of rows.
 
 use crate::executor::{Executor, Member, or_panic};
 use crate::graph::Shape;
@@ -13,7 +13,7 @@ use std::sync::Arc;
 pub enum StateError {
     /// No parameter or moment has this name.
     Missing {
-        /// Name that was sought.
+        /// Name that was looked up.
         name: String,
     },
     /// Another shape.
@@ -22,7 +22,7 @@ pub enum StateError {
         name: String,
         /// Shape in the state.
         expected: Shape,
-        /// Shape that was given.
+        /// Given shape.
         found: Vec<usize>,
     },
 }
@@ -93,8 +93,8 @@ impl<T: Scalar> State<T> {
         self.tensors.push(Tensor::new(name, shape, entries));
     }
 
-    /// Adds copies of all parameters and moments whose names begin with `from` and a dot, with the beginning `to`, and
-    /// of the numbers of their steps.
+    /// Adds copies of all parameters and moments whose names begin with `from` and a dot, with `to` in place of `from`,
+    /// and of the numbers of their steps.
     pub fn copy(&mut self, from: &str, to: &str) {
         let rest = |name: &str| Some(name.strip_prefix(from)?.strip_prefix('.')?.to_owned());
         let copies: Vec<_> = self
@@ -130,24 +130,24 @@ impl<T: Scalar> State<T> {
     /// Entries of a parameter or moment.
     ///
     /// # Panics
-    /// If there is none of that name.
+    /// If there is none with that name.
     #[must_use]
     pub fn entries(&self, name: &str) -> &[T] {
         let found = self.tensor(name);
         found.unwrap_or_else(|| panic!("no parameter `{name}`")).1
     }
 
-    /// Entries of a parameter or moment, which are about to change.
+    /// Entries of a parameter or moment, for modification.
     ///
     /// # Panics
-    /// If there is none of that name.
+    /// If there is none with that name.
     pub fn entries_mut(&mut self, name: &str) -> &mut [T] {
         let found = self.tensors.iter_mut().find(|tensor| tensor.name == name);
         let tensor = found.unwrap_or_else(|| panic!("no parameter `{name}`"));
         tensor.changed()
     }
 
-    /// Replaces the entries of a parameter or moment that is there.
+    /// Replaces the entries of an existing parameter or moment.
     ///
     /// # Errors
     /// [`StateError`] if the name or the shape does not fit.
@@ -186,7 +186,7 @@ impl<T: Scalar> State<T> {
         &self.counts
     }
 
-    /// Takes all optimisers out: their moments and their numbers of steps.
+    /// Removes all optimisers: their moments and their numbers of steps.
     pub fn forget_optimisers(&mut self) {
         let moments: BTreeSet<String> = self
             .counts
@@ -241,7 +241,7 @@ impl<T: Scalar> State<T> {
         Arc::clone(member)
     }
 
-    /// Place of a parameter, or of a moment, which is added as zeros.
+    /// Place of a parameter, or of a moment, which is added as zeros if it is missing.
     pub(crate) fn place(&mut self, name: &str, shape: Shape, is_moment: bool) -> usize {
         let found = self.tensors.iter().position(|tensor| tensor.name == name);
         let place = found.unwrap_or_else(|| {

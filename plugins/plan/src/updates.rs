@@ -75,12 +75,12 @@ impl Update {
 }
 
 impl Graph {
-    /// One step of Adam, as `arithmetic::steps` has it. The moments belong to the parameter and are named
-    /// after it, `NAME.first` and `NAME.second`; the state counts its steps. Several steps of one parameter share them.
+    /// One step of Adam, as defined in `arithmetic::steps`. The moments belong to the parameter and are named after it,
+    /// `NAME.first` and `NAME.second`; the state counts its steps. Several steps of one parameter share them.
     ///
     /// # Panics
-    /// If `parameter` is no parameter, or the gradient has another shape or is the parameter itself, or where another
-    /// value has the name of a moment.
+    /// If `parameter` is no parameter, the gradient has another shape or is the parameter itself, or another value has
+    /// the name of a moment.
     pub fn adam(&mut self, parameter: Value, gradient: Value, settings: Optimiser) {
         let name = self.check_update("Adam", parameter, gradient);
         let shape = self.shape(parameter);
@@ -127,7 +127,7 @@ impl Graph {
             .collect()
     }
 
-    /// Name of the parameter that an update changes.
+    /// Checks an update and returns the name of the parameter that it changes.
     fn check_update(&self, update: &str, target: Value, source: Value) -> String {
         let node = &self.nodes[target.0];
         assert!(

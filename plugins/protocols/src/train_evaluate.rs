@@ -495,7 +495,7 @@ impl LearningSlot {
     }
 }
 
-/// Steps every environment once with the agent's training actions; begins a new episode where one ended.
+/// Steps every environment once with the agent's training actions; begins a new episode if one ended.
 fn act_in_all(
     run: &mut Run<'_>,
     slots: &mut [LearningSlot],

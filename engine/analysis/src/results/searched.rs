@@ -37,7 +37,7 @@ pub struct TriedSetting {
     pub parent: Option<usize>,
     /// The values by seed; failed trials have none.
     pub values: BTreeMap<u64, f64>,
-    /// The values by pause and seed; `None` for a trial because of which the setting ranks last.
+    /// The values by pause and seed; `None` for a trial that makes the setting rank last.
     pub at_pauses: BTreeMap<u64, BTreeMap<u64, Option<f64>>>,
     /// Number of trials that ended in a state other than `ok`.
     pub failed: usize,

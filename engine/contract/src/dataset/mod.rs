@@ -15,7 +15,7 @@
 //! | `observations` | vector of f64, i64 for a choice | observation before decision `t`; in the last row the one at the end |
 //! | `actions` | vector of f64, i64 for a choice | decision `t`; 0 in the last row |
 //! | `rewards` | f64 | reward of decision `t`, the mean of the seats; 0 in the last row |
-//! | `terminations`, `truncations` | bool | whether and how the episode ended with decision `t`; false in last row |
+//! | `terminations`, `truncations` | bool | whether and how decision `t` ended the episode; false in the last row |
 //! | `seat_rewards` | vector of f64 | of several seats: the reward of each |
 //! | `states` | vector of f64 | of several seats whose environment has one: the full state |
 //!
@@ -220,7 +220,7 @@ impl DatasetWriter {
     /// Begins a dataset in a trial's folder; removes an existing one.
     ///
     /// # Errors
-    /// The errors of [`can_hold`], and [`Error::File`] where the folder cannot be written.
+    /// The errors of [`can_hold`], and [`Error::File`] if the folder cannot be written.
     pub fn create(trial: &Path, interface: &Interface) -> Result<Self, Error> {
         let folder = trial.join(FOLDER);
         can_hold(interface)?;

@@ -80,7 +80,7 @@ fn refuse_codecs(file: &SerializedFileReader<Bytes>) -> Result<(), ParquetError>
     }
 }
 
-/// Number of columns of plain values of which a field consists.
+/// Number of columns of plain values in a field.
 fn leaves_of(field: &Type) -> usize {
     if field.is_primitive() {
         return 1;

@@ -240,7 +240,7 @@ pub fn replay(run: &mut Run<'_>, step: u64, episodes: u64, episode: u64) -> Resu
     measure(run, &what, None, || None::<()>)
 }
 
-/// Environments, each of which is free while it plays no episode.
+/// Environments; each is free while it plays no episode.
 type Pool = Vec<Option<Box<dyn Environment>>>;
 
 /// Slot r plays episodes r, r + rows, r + 2 rows, ...: environments are made once, and one whose state wears does so in

@@ -259,8 +259,7 @@ impl<'a> TreeReader<'a> {
         }
     }
 
-    /// The first letter up to the line after `last` that looks like a space, or is invisible, where YAML requires a
-    /// space.
+    /// The first letter up to the line after `last` that looks like a space, or is invisible, where YAML needs a space.
     fn invisible_structure(&self, lines: &[&str], last: usize) -> Option<Diagnostic> {
         let (line, found) = lines
             .iter()
@@ -382,7 +381,7 @@ impl<'a> TreeReader<'a> {
 }
 
 /// A letter of a line that looks like a sign of YAML: an invisible one at the beginning or beside a sign, or one that
-/// looks like a colon or a bracket. Comments and texts in quotes are skipped.
+/// looks like a colon or a bracket. Comments and quotes are skipped.
 fn structural(line: &str) -> Option<Lookalike> {
     const SIGNS: &str = ":,-[]{}";
     let letters: Vec<char> = line.chars().collect();

@@ -63,7 +63,7 @@ impl Store {
         Ok(found)
     }
 
-    /// Faults because of which a trial does not count: damaged files with their acknowledgement, and results without
+    /// Faults that keep a trial from counting: damaged files with their acknowledgement, and results without
     /// one.
     fn damage(&self, id: &str) -> Vec<Finding> {
         let mut check = Check::new(self);

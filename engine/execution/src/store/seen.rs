@@ -96,8 +96,8 @@ impl Store {
     /// damaged record is returned as well.
     ///
     /// # Errors
-    /// The errors of [`seen_verdicts`](Self::seen_verdicts) without the first, and [`Error::File`] where
-    /// files cannot be moved or written.
+    /// The errors of [`seen_verdicts`](Self::seen_verdicts) without the first, and [`Error::File`] if files cannot be
+    /// moved or written.
     pub fn seen_or_begun(&self, study: &str) -> Result<(SeenVerdicts, Option<String>), Error> {
         let problem = match self.seen_verdicts(study) {
             Ok(seen) => return Ok((seen.unwrap_or_default(), None)),

@@ -57,7 +57,7 @@ pub struct Scale {
 /// One line, set of points, set of bars or surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// Name in the legend; empty where the series has no entry.
+    /// Name in the legend; empty if the series has no entry.
     pub label: String,
     /// Number of seeds behind the series, and number of seeds planned.
     pub seeds: Option<(usize, usize)>,

@@ -74,7 +74,7 @@ impl Builder<'_> {
         refusal.map_or(Ok(()), Err)
     }
 
-    /// Facts on the environment of a cell, where it could be built.
+    /// Facts on the environment of a cell, if it could be built.
     pub(super) fn facts(&self, cell: &Cell) -> Option<Arc<Facts>> {
         self.environments.get(cell.parts[0].id())?.clone()
     }

@@ -52,7 +52,7 @@ impl Grid {
     /// them.
     ///
     /// # Errors
-    /// Mistakes because of which points cannot be resolved.
+    /// Mistakes that keep points from being resolved.
     pub(super) fn resolve(
         sections: &Sections<'_>,
         files: &Files<'_>,

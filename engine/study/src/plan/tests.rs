@@ -1,4 +1,4 @@
-//! Reasons over keys alone: no store, no registry.
+//! Reasons computed from keys, without a store or a registry.
 
 use super::{Estimate, Novelty, Reason, StoredCell, Took, estimate, explain, novelties, to_json};
 use contract::{

@@ -21,10 +21,10 @@ pub fn store(state: &State<f32>, file: &mut TensorFile) {
     file.header[COUNTS] = json!(state.counts());
 }
 
-/// Restores the state that [`store`] wrote, with its optimisers in place of those of `state`.
+/// Restores the state that [`store`] wrote, and replaces the optimisers of `state` by its own.
 ///
 /// # Errors
-/// [`TensorFileError`] if a parameter is missing or has another shape; the state then stays as it is.
+/// [`TensorFileError`] if a parameter is missing or has another shape; the state is then unchanged.
 pub fn restore(state: &mut State<f32>, file: &TensorFile) -> Result<(), TensorFileError> {
     let counts = serde_json::from_value(file.header[COUNTS].clone());
     let counts: std::collections::BTreeMap<String, u64> =
@@ -56,10 +56,10 @@ pub fn restore(state: &mut State<f32>, file: &TensorFile) -> Result<(), TensorFi
 }
 
 /// Restores the parameters of a network from the tensors `PREFIX.layers.k.weight` and `.bias` of a policy file; its
-/// optimiser stays as it is.
+/// optimiser is not changed.
 ///
 /// # Errors
-/// [`TensorFileError`] if a parameter is missing or has another shape; the state then stays as it is.
+/// [`TensorFileError`] if a parameter is missing or has another shape; the state is then unchanged.
 pub fn restore_network(
     network: &Network,
     prefix: &str,

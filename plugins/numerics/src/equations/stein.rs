@@ -18,7 +18,7 @@
 use arithmetic::double;
 use plan::Expression;
 
-/// Smallest bandwidth: below it, particles at the same place would not repel each other any more.
+/// Smallest bandwidth; below it, particles at the same place would no longer repel each other.
 pub const SMALLEST_BANDWIDTH: f64 = 1e-3;
 
 /// Direction of the moved particles.

@@ -120,7 +120,7 @@ impl Kernels {
     /// Writes the kernels of a routine.
     ///
     /// # Errors
-    /// [`NoKernel`] where the routine has an operation of another crate.
+    /// [`NoKernel`] if the routine has an operation of another crate.
     pub fn new(graph: &Graph, routine: Routine) -> Result<Self, NoKernel> {
         let kernels = crate::kernels::kernels(graph, routine.0);
         let mut layout = Layout::new(graph, &kernels);

@@ -21,7 +21,7 @@ pub struct Curve {
     pub of: CurveSource,
     /// The line, with a band around it where points have intervals.
     pub points: Vec<Point>,
-    /// Runs that are drawn as thin lines; empty where only the line is drawn.
+    /// Runs that are drawn as thin lines; empty if only the line is drawn.
     pub runs: Vec<RunLine>,
     /// Runs that are not drawn; the page shows them on request.
     pub undrawn: Vec<RunLine>,
