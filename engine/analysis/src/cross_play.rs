@@ -1,22 +1,22 @@
 //! Cross-play: agents that were trained in different trials meet in one environment, each in a role of its
 //! own.
 //!
-//! A *play* of a study names an environment, *roles* (every seat belongs to one) and agents. Each ordered
-//! combination of agents over roles and each seed make one trial that measures and learns nothing: its
-//! [`Cast`](contract::cast::Cast) names by role the trial whose final policy is played. Seed `k` of one agent
-//! meets seed `k` of the others, or with `pairs: all` every seed of theirs.
+//! A *play* of a study names an environment, *roles* (every seat belongs to one) and agents. Each ordered combination
+//! of agents over roles and each seed make one trial that measures but learns nothing. Its
+//! [`Cast`](contract::cast::Cast) names, by role, the trial whose final policy is played. Seed `k` of one agent meets
+//! seed `k` of the others, or every seed of theirs with `pairs: all`.
 //!
-//! Where all meet all, values that share a policy are not independent, and n * n of them are no sample of that size.
-//! The value of seed k is then the sum of its effects in every role that it plays:
+//! If all meet all, values that share a policy are not independent, and n * n of them are no sample of that size. The
+//! value of seed k is then the sum of its effects in every role that it plays:
 //!
 //! | symbol | here |
 //! |---|---|
 //! | y(i, j) | value of the meeting of seed i in the first role and seed j in the second |
-//! | m, m_r(k) | the mean of all meetings, and of those in which role r is played by seed k |
+//! | m, m_r(k) | the mean of all meetings, and of those in which seed k plays role r |
 //! | v(k) = m + sum over r of (m_r(k) - m) | the value of seed k; their mean is m |
 //!
-//! With y(i, j) = mu + a_i + b_j the v(k) are mu + a_k + b_k up to a constant, so that their spread over k is
-//! that of m, also where a_k and b_k come from one training and depend on each other.
+//! With y(i, j) = mu + a_i + b_j the v(k) are mu + a_k + b_k up to a constant. Their spread over k is therefore that of
+//! m, even if a_k and b_k come from one training and depend on each other.
 
 use crate::results::Results;
 use contract::{Phase, trial::Purpose, trial_result::TrialResult};
@@ -43,7 +43,7 @@ pub struct Encounters<'a> {
 }
 
 impl<'a> Encounters<'a> {
-    /// The trials of the play called `play`; none where the results know no such play.
+    /// The trials of the play called `play`; none if the results contain no such play.
     #[must_use]
     pub fn of(results: &'a Results, play: &str) -> Self {
         let of_play = |it: &'a TrialResult| match &it.trial.cell.purpose {
@@ -92,7 +92,7 @@ impl<'a> Encounters<'a> {
         names
     }
 
-    /// Whether an agent was not trained: a floor, which has no part in means over the others.
+    /// Whether an agent was not trained. Such a floor is left out of means over the others.
     #[must_use]
     pub fn is_floor(&self, agent: &str) -> bool {
         self.floors.contains(agent)
@@ -113,8 +113,8 @@ impl<'a> Encounters<'a> {
             .collect()
     }
 
-    /// The mean of a metric over those trials, by seed; where all seeds meet all, the value v(k) of the module. A seed
-    /// without one of its trials has no value: means over different opponents cannot be compared.
+    /// The mean of a metric over those trials, by seed; if all seeds meet all, the value v(k) of the module. A seed
+    /// without one of its trials has no value, since means over different opponents cannot be compared.
     #[must_use]
     pub fn by_seed(&self, cast: &[(&str, &str)], metric: &str) -> BTreeMap<u64, f64> {
         let mut of_combinations: BTreeMap<&str, Vec<MatchupValue<'_>>> = BTreeMap::new();
@@ -138,7 +138,7 @@ impl<'a> Encounters<'a> {
             .collect()
     }
 
-    /// The same play between seeds below a number, as it was before later seeds had run.
+    /// The same play with seeds below a number, as it was before later seeds had run.
     #[must_use]
     pub fn until(&self, limit: u64) -> Self {
         // The seed of a meeting is the latest of those that meet.
@@ -149,7 +149,7 @@ impl<'a> Encounters<'a> {
         }
     }
 
-    /// Whether seeds meet others than their own.
+    /// Whether seeds meet seeds other than their own.
     #[must_use]
     pub fn is_crossed(&self) -> bool {
         self.trials
@@ -189,7 +189,7 @@ impl MatchupValue<'_> {
     }
 }
 
-/// The value v(k) of each seed, `None` where one of its trials has no value.
+/// The value v(k) of each seed; `None` if one of its trials has no value.
 fn of_seeds(meetings: &[MatchupValue<'_>]) -> Vec<(u64, Option<f64>)> {
     if !meetings.iter().any(MatchupValue::is_crossed) {
         return meetings.iter().map(|it| (it.seed, it.value)).collect();
@@ -278,7 +278,7 @@ mod tests {
         };
         // mu + a_k + b_k of an additive table, whose mean is that of the nine values.
         assert_eq!(of(None), BTreeMap::from([(0, 0.0), (1, 4.0), (2, 8.0)]));
-        // Both seeds that should have met there are left out, and the third met itself alone.
+        // Both seeds of the missing meeting are left out, and the third met only itself.
         assert_eq!(of(Some(1)), BTreeMap::from([(2, 8.0)]));
     }
 }

@@ -1,4 +1,4 @@
-//! Curves that others published: CSV files with a step and a value in each row.
+//! Curves from publications: CSV files with a step and a value in each row.
 
 use csv::{Reader, ReaderBuilder, StringRecord, Trim};
 use document::{
@@ -13,32 +13,31 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// A curve of a publication, and where its numbers stand.
+/// A curve of a publication, and the location of its numbers.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedCurve {
     /// Name of the curve in the legend.
     pub label: String,
-    /// The agent of this study that it is compared with, whose colour it takes; grey where absent.
+    /// The agent of this study that it is compared with and that gives it its colour; grey where absent.
     #[serde(default)]
     pub agent: Option<String>,
-    /// The environment that it was measured in, in whose panel it is drawn; to be given where there are
-    /// several panels.
+    /// The environment in which it was measured and in whose panel it is drawn; required if there are several panels.
     #[serde(default)]
     pub environment: Option<String>,
-    /// CSV file whose first line names its columns, sought from the folder of the study.
+    /// CSV file whose first line names its columns, relative to the folder of the study.
     pub file: PathBuf,
     /// Column of the steps.
     pub step: String,
     /// Column of the values.
     pub value: String,
-    /// The rows that are meant: those with these texts in these columns; all rows where empty.
+    /// The rows to read: those with these texts in these columns; all rows where empty.
     #[serde(default, rename = "where")]
     pub rows: BTreeMap<String, String>,
-    /// Column that tells separate runs apart; all rows are one run where absent.
+    /// Column that separates runs; all rows are one run where absent.
     #[serde(default)]
     pub by: Option<String>,
-    /// Set where the file lies where those of the study do not; it is not read then.
+    /// Set if the file lies outside the folders of the study; it is not read then.
     #[serde(skip)]
     pub outside: Option<Outside>,
 }
@@ -46,13 +45,13 @@ pub struct PublishedCurve {
 /// One run of a curve.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CurveRun {
-    /// Value of the column `by`, which tells the run from others; empty where there is no such column.
+    /// Value of the column `by`, which identifies the run; empty if there is no such column.
     pub name: String,
     /// Steps in ascending order, with their values.
     pub points: Vec<(u64, f64)>,
 }
 
-/// Why a published curve cannot be read.
+/// Reason why a published curve cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PublishedCurveError {
     /// The file cannot be opened or is no CSV file.
@@ -63,7 +62,7 @@ pub enum PublishedCurveError {
         /// Error of the system or the reader.
         problem: String,
     },
-    /// The file lies where those of the study do not.
+    /// The file lies outside the folders of the study.
     #[error(transparent)]
     Outside(Outside),
     /// The first line does not name a column.
@@ -71,12 +70,12 @@ pub enum PublishedCurveError {
     NoColumn {
         /// Path of the file.
         file: PathBuf,
-        /// The column that is asked for.
+        /// The requested column.
         column: String,
         /// The columns of the file.
         known: Vec<String>,
     },
-    /// A field holds a text of another kind.
+    /// A field has a text of the wrong kind.
     #[error("`{}`, line {line}, column `{column}`: `{text}` is not {expected}", file.display())]
     Unfit {
         /// Path of the file.
@@ -87,7 +86,7 @@ pub enum PublishedCurveError {
         column: String,
         /// Text of the field.
         text: String,
-        /// Kind of text that the field must hold.
+        /// Kind of text that the field must have.
         expected: &'static str,
     },
     /// No row matches `rows`.
@@ -113,11 +112,10 @@ pub enum PublishedCurveError {
 }
 
 impl PublishedCurve {
-    /// Reads the runs, in the order in which the file begins them.
+    /// Reads the runs, in the order in which they begin in the file.
     ///
     /// # Errors
-    /// A file or column that is missing, fields that hold no number, no row that matches, and a step that a run has
-    /// twice.
+    /// A missing file or column, fields that are no number, no matching row, and a step that a run has twice.
     pub fn runs(&self) -> Result<Vec<CurveRun>, PublishedCurveError> {
         if let Some(outside) = &self.outside {
             return Err(PublishedCurveError::Outside(outside.clone()));
@@ -157,7 +155,7 @@ impl PublishedCurve {
             .collect())
     }
 
-    /// Seeks the file from `folder`, that of a study.
+    /// Resolves the file relative to `folder`, that of a study.
     pub fn seek_from(&mut self, folder: &Path) {
         match Reach::of(folder).find(folder, &self.file.to_string_lossy()) {
             Ok(path) => self.file = path,
@@ -182,9 +180,9 @@ impl PublishedCurve {
 impl CurveRun {
     /// Mean of the last `last` values at steps up to `up_to_step`.
     ///
-    /// `None` where there are fewer than `last` values up to there (or none is asked for), and where the run ends more
-    /// than one evaluation interval before `up_to_step`: its end says nothing about a step that it did not reach. The
-    /// interval is the median distance of its steps; a run of a single value has none.
+    /// `None` if there are fewer than `last` values up to there (or none is asked for), or if the run ends more than
+    /// one evaluation interval before `up_to_step`: its end says nothing about a step that it did not reach. The
+    /// interval is the median distance of its steps, and 0 for a run of a single value.
     #[must_use]
     pub fn last_mean(&self, up_to_step: u64, last: usize) -> Option<f64> {
         let (end, _) = self.points.last()?;
@@ -322,7 +320,7 @@ fn open(file: &Path) -> Result<Reader<Opened>, PublishedCurveError> {
     Ok(ReaderBuilder::new().trim(Trim::All).from_reader(opened))
 }
 
-/// Names of columns, none of a file that is not the study's.
+/// Names of columns; empty for a file outside the study's folder.
 fn known_columns(file: &Path, header: &StringRecord) -> Vec<String> {
     let names = header.iter().filter(|_| !reach::is_foreign(file));
     names.map(String::from).collect()
@@ -377,7 +375,7 @@ mod tests {
     #[test]
     fn rows_become_runs_with_their_steps_in_order() {
         let dir = tempfile::tempdir().unwrap();
-        // Spreadsheets put a mark in front of the first column and spaces around fields.
+        // Spreadsheets put a byte order mark before the first column and spaces around fields.
         let text = format!("\u{feff}{}", LOGS.replace(",seed", " , seed"));
         let runs = curve(dir.path(), &text).runs().unwrap();
         let run = |name: &str, points: &[(u64, f64)]| CurveRun {

@@ -28,17 +28,17 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct Results {
     /// The trials of combinations and plays.
     pub trials: Vec<TrialResult>,
-    /// The trials of `prepare`, which leave something for others and are shown as budgets alone.
+    /// The trials of `prepare`, which leave an artifact for others and are shown only as budgets.
     pub prepared: Vec<TrialResult>,
-    /// The trials of settings that searches tried, which are shown as budgets alone.
+    /// The trials of settings that searches tried, which are shown only as budgets.
     pub tried: Vec<TrialResult>,
     /// Results of searches for settings.
     pub searches: Vec<SearchResult>,
-    /// The looks that the study plans; `None` where its number of seeds is fixed.
+    /// The looks that the study plans; `None` if its number of seeds is fixed.
     pub design: Option<SequentialDesign>,
     /// The first seed of the design.
     pub first_seed: u64,
-    /// The rounds of seeds that are taken together, in order; none where there is one.
+    /// The rounds of seeds that are pooled, in order; empty if there is only one.
     pub rounds: Vec<Round>,
     /// The study's criterion of a success.
     pub success: Option<Success>,
@@ -50,18 +50,18 @@ pub struct Results {
     pub imported: Vec<Origin>,
     /// Programs with a trial that was computed twice.
     pub repeated: Vec<RepeatCheck>,
-    /// Statements on all trials together, where the results are read from a record.
+    /// Statements on all trials together, if the results are read from a record.
     pub told: Option<Told>,
 }
 
-/// How long the source trained.
+/// Length of the source's training.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PaperBudget {
     /// Steps of each training, in the unit of the protocol's `steps`.
     #[schemars(range(min = 1))]
     pub steps: u64,
-    /// Agents whose training it was; all that learned where absent.
+    /// Agents with that training; all that learned where absent.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub agents: Vec<String>,
 }
@@ -71,13 +71,13 @@ pub struct PaperBudget {
 pub struct Round {
     /// The seeds, rising.
     seeds: Vec<u64>,
-    /// The looks that were planned; `None` where the number of seeds is fixed.
+    /// The looks that were planned; `None` if the number of seeds is fixed.
     design: Option<SequentialDesign>,
 }
 
 impl Round {
     fn of(results: &Results) -> Self {
-        // Runs of others have seeds of their own.
+        // Imported runs have seeds of their own.
         let own = results.trials.iter().filter(|it| !it.is_imported());
         let seeds = own.map(|it| it.trial.key.seed);
         let seeds: BTreeSet<u64> = seeds.filter(|seed| *seed >= results.first_seed).collect();
@@ -87,7 +87,7 @@ impl Round {
         }
     }
 
-    /// The seeds of this round, where no other is taken together with it.
+    /// The seeds of this round, if it is not pooled with others.
     fn alone(&self, is_complete: impl Fn(u64, (u32, u64)) -> bool) -> Seeds {
         let first = self.seeds.first().copied().unwrap_or_default();
         let Some(design) = &self.design else {
@@ -104,7 +104,7 @@ impl Round {
         }
     }
 
-    /// The seeds of each look: their number, and the number below which they lie.
+    /// The seeds of each look: their number, and the upper limit of the seeds.
     fn looks(&self) -> Vec<(u32, u64)> {
         let Some(first) = self.seeds.first() else {
             return Vec::new();
@@ -141,8 +141,8 @@ impl Results {
         }
     }
 
-    /// The trials of several rounds as those of one study, to be judged by all of their seeds. Each round has
-    /// larger seeds than the one before.
+    /// The trials of several rounds as those of one study, judged by all of their seeds. Each round has larger seeds
+    /// than the one before.
     #[must_use]
     pub fn pooled(rounds: &[&Self]) -> Self {
         let Some((first, others)) = rounds.split_first() else {
@@ -163,7 +163,7 @@ impl Results {
         all
     }
 
-    /// The number below which seeds count, for each planned look; none where the number of seeds is fixed.
+    /// The upper limit of the seeds that count, for each planned look; empty if the number of seeds is fixed.
     #[must_use]
     pub fn limits(&self) -> Vec<u64> {
         let looks = self.design.iter().flat_map(SequentialDesign::looks);
@@ -171,13 +171,13 @@ impl Results {
     }
 
     /// The seeds of some trials by which a statement may be decided: those of looks at which every trial has ended. A
-    /// trial that was killed from outside has not: it runs again.
+    /// trial that was killed from outside has not ended: it runs again.
     #[must_use]
     pub fn seeds_of(&self, trials: &[&TrialResult]) -> Seeds {
         if self.design.is_none() && self.rounds.is_empty() {
             return Seeds::default();
         }
-        // Seeds of a play have several trials each, where all meet all.
+        // Seeds of a play have several trials each if all meet all.
         let mut ended: BTreeMap<Combination, BTreeMap<u64, bool>> = BTreeMap::new();
         for trial in trials.iter().filter(|it| !it.is_imported()) {
             let seeds = ended.entry(trial.combination().clone()).or_default();
@@ -316,7 +316,7 @@ mod tests {
         // A look of the last round is still to come.
         let two = Results::pooled(&[&study, &round(&[100, 101, 102])]);
         assert_eq!(of(&two, "equal"), (Some(vec![3, 6, 9]), vec![3, 103], 2));
-        // A combination with trials in one round alone has the looks of that round.
+        // A combination with trials in only one round has the looks of that round.
         assert_eq!(of(&two, "other"), (None, vec![], 0));
         let alone = Results::pooled(&[&round(&[100, 101, 102])]);
         assert_eq!(of(&alone, "equal"), (Some(vec![3, 6]), vec![103], 0));

@@ -1,8 +1,8 @@
-//! Training behind a result as a share of the training behind the published number.
+//! Training behind a result, as a share of the training behind the published number.
 //!
-//! A policy that learned for a hundredth of the steps of the source can show that the source's result is there
-//! already. It cannot show that it is not: below half of the steps, a value that differs and a claim that is refuted
-//! are NOT AT THIS BUDGET.
+//! A policy that learned for a hundredth of the steps of the source can show that the source's result is reached. It
+//! cannot show that it is not reached: below half of the steps, a value that differs and a claim that is refuted are
+//! NOT AT THIS BUDGET.
 
 use crate::results::Results;
 use contract::{
@@ -12,8 +12,8 @@ use contract::{
 use statistics::TrainingShare;
 use std::collections::BTreeSet;
 
-/// The smallest share behind some trials; `None` where the study names no budget, and where none of its agents is
-/// behind them.
+/// The smallest share among some trials; `None` if the study names no budget, or none of its agents was trained in
+/// them.
 #[must_use]
 pub fn behind(trials: &[&TrialResult], results: &Results) -> Option<TrainingShare> {
     let budget = results.paper_budget.as_ref()?;

@@ -3,7 +3,7 @@
 use crate::{Action, End, Environment, Error, Metric, Observation, OwnTraining, Recorder, Rng};
 use std::path::Path;
 
-/// Whether actions are for learning (explore) or for measuring (the policy's best).
+/// Whether actions are for learning (exploration) or for measuring (the best of the policy).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
     /// Actions that gather experience.
@@ -30,28 +30,28 @@ pub struct Transition {
 /// Counts of the updates of an agent that learns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Updates {
-    /// Number of updates that `learn` made, also before a checkpoint that `load` took up.
+    /// Number of updates that `learn` made, including those before a checkpoint that `load` restored.
     pub made: u64,
     /// Number of transitions that `learn` must have been given before the first update; `u64::MAX` for an agent that
     /// never updates.
     pub first_after: u64,
 }
 
-/// A policy for all seats of an environment, and how it improves.
+/// A policy for all seats of an environment, and its training.
 ///
 /// A protocol steps several environments together, so `act` and `learn` take one row per environment.
 pub trait Agent: Send {
     /// One action per row; rows are independent of each other. An agent that [`remembers`](Self::remembers) gets one
-    /// row at a time, those of an episode in order.
+    /// row at a time, the rows of an episode in order.
     ///
     /// # Errors
-    /// Where the policy produced numbers that are no action ([`Error::NotFinite`]).
+    /// The policy produced numbers that are no action ([`Error::NotFinite`]).
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error>;
 
-    /// Takes in one transition per environment and improves when due. Agents that do not learn ignore it.
+    /// Takes in one transition per environment and updates when due. Agents that do not learn ignore it.
     ///
     /// # Errors
-    /// Where a loss or a parameter is no longer finite ([`Error::NotFinite`]).
+    /// A loss or a parameter is no longer finite ([`Error::NotFinite`]).
     fn learn(
         &mut self,
         _transitions: &[Transition],
@@ -61,12 +61,12 @@ pub trait Agent: Send {
         Ok(())
     }
 
-    /// Called once, before the first `learn`, with all transitions from which batches will be drawn, by a protocol that
-    /// has them all. The agent can take up properties of the whole dataset here, such as the spread of its
+    /// Receives all transitions from which batches will be drawn. A protocol that has them all calls it once, before
+    /// the first `learn`. The agent can compute properties of the whole dataset here, such as the spread of its
     /// observations. It is not called again after `load`.
     ///
     /// # Errors
-    /// Where the transitions cannot be learned from.
+    /// The agent cannot learn from the transitions.
     fn observe_dataset(&mut self, _transitions: &[Transition]) -> Result<(), Error> {
         Ok(())
     }
@@ -81,12 +81,12 @@ pub trait Agent: Send {
         Vec::new()
     }
 
-    /// Tries out an agent whose code is not this program's own. `check` calls it in environments of its trial before
-    /// any trial runs; the agent refuses a config whose trials would fail or could not be repeated. False where there
-    /// is nothing to try, as for all code of this program's own.
+    /// Tries out an agent whose code is not part of this program. `check` calls it in environments of its trial before
+    /// any trial runs; the agent refuses a config whose trials would fail or could not be repeated. Returns false if
+    /// there is nothing to try, as for all code of this program.
     ///
     /// # Errors
-    /// A problem with which it must not run, at the key that names it.
+    /// A problem that prevents the agent from running, at the key that causes it.
     fn rehearse(
         &mut self,
         _make_environment: &dyn Fn() -> Result<Box<dyn Environment>, Error>,
@@ -95,7 +95,7 @@ pub trait Agent: Send {
     }
 
     /// The operations of one update as text, with their number and the bytes that they move; `None` for agents that do
-    /// not learn by a plan. `n_rows` is the size of a batch where the protocol decides it.
+    /// not learn by a plan. `n_rows` is the size of a batch if the protocol decides it.
     fn plan(&mut self, _n_rows: usize) -> Option<String> {
         None
     }
@@ -105,7 +105,7 @@ pub trait Agent: Send {
         None
     }
 
-    /// Metrics of decisions that [`Agent::assess`] measures; agents without have none.
+    /// Metrics of decisions that [`Agent::assess`] measures; empty for agents without them.
     fn decision_metrics(&self) -> Vec<Metric> {
         Vec::new()
     }
@@ -115,22 +115,22 @@ pub trait Agent: Send {
     /// episode.
     ///
     /// # Errors
-    /// Where a value cannot be computed.
+    /// A value cannot be computed.
     fn assess(&mut self, _observations: &[Observation], _actions: &[Action]) -> Result<Vec<Vec<f64>>, Error> {
         Ok(Vec::new())
     }
 
-    /// Whether an action depends on earlier observations of the episode, as of a filter. Episodes of such an agent are
-    /// played one after the other, and [`restart`](Self::restart) is called where one begins.
+    /// Whether an action depends on earlier observations of the episode, as that of a filter does. Episodes of such an
+    /// agent are played one after the other, and [`restart`](Self::restart) is called at the beginning of each.
     fn remembers(&self) -> bool {
         false
     }
 
-    /// Forgets the observations of the episode: another one begins.
+    /// Forgets the observations of the episode, because another one begins.
     fn restart(&mut self) {}
 
-    /// Whether the agent ends the episode before the environment does, as a design that is not worth the rest of its
-    /// evaluations. The protocol `search` asks after every step that ends no episode.
+    /// Whether the agent ends the episode before the environment does, for instance for a design that is not worth the
+    /// rest of its evaluations. The protocol `search` asks after every step that ends no episode.
     fn truncates(&mut self) -> bool {
         false
     }
@@ -140,37 +140,36 @@ pub trait Agent: Send {
         false
     }
 
-    /// Writes everything that `load` needs to continue to the same bits: networks, optimisers, replay,
-    /// counters.
+    /// Writes everything that `load` needs to continue bit by bit: networks, optimisers, replay, counters.
     ///
     /// # Errors
-    /// Where a file cannot be written.
+    /// A file cannot be written.
     fn save(&self, _dir: &Path) -> Result<(), Error> {
         Ok(())
     }
 
-    /// Continues from what `save` wrote.
+    /// Continues from the files that `save` wrote.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] where the files do not fit this agent.
+    /// [`Error::Checkpoint`] if the files do not fit this agent.
     fn load(&mut self, _dir: &Path) -> Result<(), Error> {
         Ok(())
     }
 
-    /// Writes the policy alone as `policy.safetensors`, in folders by seat where there is one policy per
-    /// seat, to be used by other programs; false where there is none to write.
+    /// Writes the policy alone as `policy.safetensors`, in folders by seat if each seat has its own policy, for use by
+    /// other programs. Returns false if there is none to write.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// The file cannot be written.
     fn export(&self, _dir: &Path) -> Result<bool, Error> {
         Ok(false)
     }
 
-    /// Takes up the policy that `export` of an agent with the same config wrote for the same seats: scored
-    /// actions are then that agent's to the bit. False where no policy can be taken up.
+    /// Loads the policy that `export` of an agent with the same config wrote for the same seats: scored actions then
+    /// equal those of that agent bit by bit. Returns false if no policy can be loaded.
     ///
     /// # Errors
-    /// [`Error::File`] or [`Error::Checkpoint`] where the files are missing or do not fit this agent.
+    /// [`Error::File`] or [`Error::Checkpoint`] if the files are missing or do not fit this agent.
     fn import(&mut self, _dir: &Path) -> Result<bool, Error> {
         Ok(false)
     }

@@ -1,9 +1,9 @@
-//! Artifacts: files that a trial leaves in its folder for other trials, and how a config names one.
+//! Artifacts: files that a trial leaves in its folder for other trials, and their names in configs.
 //!
 //! A plugin declares a config value as a [`Artifact`]; a study writes `{ from: NAME }` there. The plan finds the trial
-//! that leaves it and makes that trial's id part of the consumer's, instead of the name: the identity of an artifact
-//! covers every step that leads to it. A trial gets the folder of each artifact after its files were held against their
-//! acknowledged hashes.
+//! that leaves it and makes that trial's id, instead of the name, part of the consumer's. The identity of an artifact
+//! therefore covers every step that leads to it. A trial gets the folder of each artifact after its files were compared
+//! with their acknowledged hashes.
 
 use crate::Error;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -29,7 +29,7 @@ pub const CHECKPOINT_AGENT: &str = "agent";
 
 /// The policy of an agent that trains itself, in a trial's folder.
 pub const ONNX_FILE: &str = "policy.onnx";
-/// The file of an agent whose code is not this program's own, with its own bytes, in a trial's folder.
+/// The file of an agent whose code is not part of this program, in the agent's own format, in a trial's folder.
 pub const SAVED_FILE: &str = "policy.saved";
 
 /// The file with the graph of a design.
@@ -41,13 +41,13 @@ pub const IMAGES_FILE: &str = "images.png";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ArtifactKind {
-    /// A policy: `policy.safetensors`, in folders by seat where there is one policy per seat; `policy.onnx` of an
-    /// agent that trains itself; `policy.saved` of a learner in Python.
+    /// A policy: `policy.safetensors`, in folders by seat if each seat has its own policy; `policy.onnx` of an agent
+    /// that trains itself; `policy.saved` of a learner in Python.
     Policy,
-    /// Networks with all that learning goes on with but its experience: `networks.safetensors`, in folders by
-    /// seat where each has its own.
+    /// Networks with everything that learning continues from except its experience: `networks.safetensors`, in folders
+    /// by seat if each seat has its own.
     Networks,
-    /// Learning as it stood at the last step, experience and environments too: the folder `checkpoint`.
+    /// The state of learning at the last step, including experience and environments: the folder `checkpoint`.
     Checkpoint,
     /// Transitions that were gathered: the folder `dataset`, in Parquet.
     Dataset,
@@ -166,25 +166,25 @@ impl Display for ArtifactKind {
     }
 }
 
-/// Marker of a kind of artifact: a type, so that a config says which one it takes.
+/// Marker of a kind of artifact: a type that shows which kind a config takes.
 pub trait ArtifactMarker: 'static {
     /// The kind that the type stands for.
     const KIND: ArtifactKind;
 }
 
-/// A [`ArtifactKind::Policy`].
+/// [`ArtifactKind::Policy`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Policy;
 /// [`ArtifactKind::Networks`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Networks;
-/// A [`ArtifactKind::Checkpoint`].
+/// [`ArtifactKind::Checkpoint`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint;
-/// A [`ArtifactKind::Dataset`].
+/// [`ArtifactKind::Dataset`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dataset;
-/// A [`ArtifactKind::Choice`].
+/// [`ArtifactKind::Choice`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Choice;
 
@@ -208,12 +208,12 @@ impl ArtifactMarker for Choice {
     const KIND: ArtifactKind = ArtifactKind::Choice;
 }
 
-/// Which trial a config takes an artifact from, by the names of a study.
+/// The trial from which a config takes an artifact, by the names of a study.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Reference {
     /// An entry of the section `prepare`, or an agent.
     pub from: String,
-    /// The environment that the agent was trained in; that of the trial which takes the artifact where absent.
+    /// The environment in which the agent was trained; that of the trial which takes the artifact where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub environment: Option<String>,
     /// The seed whose artifact every seed takes; seed `k` takes that of seed `k` where absent.
@@ -221,7 +221,7 @@ pub struct Reference {
     pub seed: Option<u64>,
 }
 
-/// An artifact of another trial in a config: names in a study, a folder inside a trial.
+/// An artifact of another trial in a config: names in a study, or a folder inside a trial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "ArtifactConfig", into = "ArtifactConfig")]
 #[serde(bound = "K: ArtifactMarker + Clone")]
@@ -255,10 +255,10 @@ impl<K: ArtifactMarker> Artifact<K> {
         &self.reference.from
     }
 
-    /// The folder of the trial that left it, every file of the artifact checked.
+    /// The folder of the trial that left it, after every file of the artifact was checked.
     ///
     /// # Errors
-    /// [`Error::Source`] outside a trial, where no artifact is at hand.
+    /// [`Error::Source`] outside a trial, where no artifact is available.
     pub fn folder(&self) -> Result<&Path, Error> {
         self.folder.as_deref().ok_or_else(|| Error::Source {
             trial: format!("`{}`", self.reference.from),
@@ -300,7 +300,7 @@ impl<K: ArtifactMarker> From<Artifact<K>> for ArtifactConfig {
             environment,
             seed,
         } = artifact.reference;
-        // A folder is no part of a config: it differs from store to store.
+        // A folder is not part of a config, since it differs between stores.
         Self {
             from,
             environment,
@@ -357,7 +357,7 @@ pub struct Taken {
     pub kind: ArtifactKind,
 }
 
-/// Finds the folder of an artifact that is there and whole.
+/// Finds the folder of an artifact that exists and is complete.
 pub type FindArtifact<'a> = &'a dyn Fn(&Taken) -> Result<PathBuf, Error>;
 
 /// Lookup for trials without a store: there is nothing to find.
@@ -381,7 +381,7 @@ pub fn named_in(config: &Value) -> BTreeMap<String, (ArtifactKind, Reference)> {
 
 fn walk(value: &Value, at: &str, found: &mut BTreeMap<String, (ArtifactKind, Reference)>) {
     let mut into = |key: &str, item: &Value| {
-        // Most of a config is numbers and words, which name nothing.
+        // Most of a config is numbers and words, which cannot name artifacts.
         if item.is_object() || item.is_array() {
             let below = format!("{at}/{}", key.replace('~', "~0").replace('/', "~1"));
             walk(item, &below, found);
@@ -400,7 +400,7 @@ fn walk(value: &Value, at: &str, found: &mut BTreeMap<String, (ArtifactKind, Ref
     }
 }
 
-/// An artifact of a config that its plugin wrote: the plugin's type put the kind beside the names.
+/// An artifact of a config that its plugin wrote: the plugin's type added the kind to the names.
 fn as_reference(value: &Value) -> Option<(ArtifactKind, Reference)> {
     let kind = ArtifactKind::deserialize(value.get("product")?).ok()?;
     Some((kind, Reference::deserialize(value).ok()?))

@@ -1,19 +1,19 @@
-//! Which source code a program was built from, as the program itself says.
+//! The source code from which a program was built, according to the program itself.
 
 use serde::{Deserialize, Serialize};
 use std::fmt::{self, Display, Formatter};
 
-/// The state of the source code that a program was built from.
+/// The state of the source code from which a program was built.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Build {
     /// Hash of the commit, in hexadecimal digits.
     pub commit: String,
-    /// Whether files that the program is made of differed from the commit.
+    /// Whether files of the program differed from the commit.
     pub changed: bool,
 }
 
 impl Build {
-    /// The build that a build script told the compiler; `None` where it knew no commit.
+    /// The build that a build script passed to the compiler; `None` if it knew no commit.
     #[must_use]
     pub fn told(commit: &str, changed: &str) -> Option<Self> {
         (!commit.is_empty()).then(|| Self {
@@ -41,7 +41,7 @@ pub fn version(build: Option<&Build>) -> String {
     format!("{} ({build})", env!("CARGO_PKG_VERSION"))
 }
 
-/// How many trials each program computed, in words.
+/// The number of trials that each program computed, as text.
 #[must_use]
 pub fn tally(builds: &[(Option<Build>, usize)]) -> String {
     let words = builds.iter().enumerate().map(|(place, (build, count))| {

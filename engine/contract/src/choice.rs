@@ -1,9 +1,9 @@
-//! Several choices at once, each among named options: the form of a design in numbers.
+//! Several choices at once, each among named options: a design in the form of numbers.
 //!
-//! A vector of [`Space::Choices`](crate::Space::Choices) holds one value per option, choice after choice. Of each
-//! choice the option with the largest value is taken, the first of equals. So an agent whose actions are numbers
+//! A vector of [`Space::Choices`](crate::Space::Choices) holds one value per option, choice after choice. The option
+//! with the largest value of each choice is selected, the first of equals. Therefore an agent whose actions are numbers
 //! between -1 and 1 designs as well as one that draws options: the first decides by its largest output, the second
-//! writes 1 for the taken options and -1 for the rest.
+//! writes 1 for the selected options and -1 for the rest.
 
 use crate::Error;
 use serde::{Deserialize, Serialize};
@@ -45,7 +45,7 @@ impl Choice {
     }
 }
 
-/// How many values a vector over these choices has.
+/// Number of values of a vector over these choices.
 #[must_use]
 pub fn n_options(choices: &[Choice]) -> usize {
     choices.iter().map(|choice| choice.options.len()).sum()
@@ -61,7 +61,7 @@ pub fn names(choices: &[Choice]) -> Vec<String> {
     choices.iter().flat_map(of_choice).collect()
 }
 
-/// The option that a vector takes of each choice, as its index.
+/// The index of the option that a vector selects of each choice.
 ///
 /// # Errors
 /// [`Error::Action`] for a vector of another length and for a value that is not finite.
@@ -84,14 +84,14 @@ pub fn taken(choices: &[Choice], vector: &[f64]) -> Result<Vec<usize>, Error> {
     Ok(choices.iter().map(largest).collect())
 }
 
-/// The place of the first of the largest values; 0 of none.
+/// The place of the first of the largest values; 0 for an empty slice.
 #[must_use]
 pub fn first_largest(values: &[f64]) -> usize {
     let better = |best: usize, at: usize| if values[at] > values[best] { at } else { best };
     (0..values.len()).fold(0, better)
 }
 
-/// The vector that takes these options: 1 for each of them, -1 for the others.
+/// The vector that selects these options: 1 for each of them, -1 for the others.
 #[must_use]
 pub fn vector(choices: &[Choice], taken: &[usize]) -> Vec<f64> {
     let of_choice = |(choice, taken): (&Choice, &usize)| {

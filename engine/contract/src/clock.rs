@@ -1,4 +1,4 @@
-//! The monotonic clock. It times computations and reaches no result.
+//! The monotonic clock. It times computations and affects no result.
 
 #![expect(
     clippy::disallowed_methods,
@@ -25,7 +25,7 @@ pub fn since(moment: Instant) -> Duration {
     now().saturating_duration_since(moment)
 }
 
-/// Lets a simulated machine tell the time, on the threads for which it gives one; the first that asks stays.
+/// Lets a simulated machine provide the time, on the threads for which it gives one; only the first call has an effect.
 pub fn simulate(clock: fn() -> Option<Instant>) {
     SIMULATED.get_or_init(|| clock);
 }

@@ -1,4 +1,4 @@
-//! Complete configs of plugins. A study may have a million of them that differ in a few values: each holds only its
+//! Complete configs of plugins. A study may have a million of them that differ in a few values; each holds only its
 //! differences from a common one.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::DeserializeOwned};
@@ -19,9 +19,9 @@ struct ConfigLayers {
     /// The config without the changes.
     base: Arc<Value>,
     changes: Box<[Arc<Change>]>,
-    /// The whole config, once it was asked for.
+    /// The whole config, computed on the first request.
     whole: OnceLock<Box<Value>>,
-    /// The plugin's own struct, once the config was read as one.
+    /// The plugin's own struct, read from the config on the first request.
     typed: OnceLock<Box<dyn Any + Send + Sync>>,
 }
 
@@ -50,7 +50,7 @@ impl CompleteConfig {
     /// A config from the plugin's own struct.
     ///
     /// # Errors
-    /// Maps whose keys are no words.
+    /// Maps whose keys are no strings.
     pub fn of<C: Serialize + Any + Send + Sync>(config: C) -> Result<Self, serde_json::Error> {
         let made = Self::from(serde_json::to_value(&config)?);
         made.0.typed.get_or_init(|| Box::new(config));
@@ -89,17 +89,17 @@ impl CompleteConfig {
         }))
     }
 
-    /// Holds the config as its changes to `base`; what it was read as stays.
+    /// Stores the config as its changes to `base`; the struct that it was read as is kept.
     pub fn rebase(&mut self, base: &Self, changes: Box<[Arc<Change>]>) {
         let mut rebased = Self::changed(base, changes);
-        // A config that others hold, too, is read anew.
+        // A config that is shared with others is read again.
         if let (Some(new), Some(old)) = (Arc::get_mut(&mut rebased.0), Arc::get_mut(&mut self.0)) {
             new.typed = std::mem::take(&mut old.typed);
         }
         *self = rebased;
     }
 
-    /// The config for one look at it: unlike by [`Deref`], the whole is not kept.
+    /// The config for a single read; unlike with [`Deref`], the whole is not kept.
     #[must_use]
     pub fn whole(&self) -> Cow<'_, Value> {
         let form = &*self.0;
@@ -110,13 +110,13 @@ impl CompleteConfig {
         }
     }
 
-    /// Whether both are one in memory.
+    /// Whether both share one place in memory.
     #[must_use]
     pub fn is_same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
     }
 
-    /// Address that tells the config from all others in memory.
+    /// Address that distinguishes the config from all others in memory.
     #[must_use]
     pub fn address(&self) -> usize {
         Arc::as_ptr(&self.0).addr()
@@ -136,13 +136,13 @@ impl Deref for CompleteConfig {
 }
 
 impl DerefMut for CompleteConfig {
-    /// The config, to be changed; configs that share it stay as they are.
+    /// The config, for modification; configs that share it do not change.
     fn deref_mut(&mut self) -> &mut Value {
         let is_plain = self.0.changes.is_empty() && Arc::strong_count(&self.0.base) == 1;
         if !is_plain || Arc::get_mut(&mut self.0).is_none() {
             *self = Self::from(Value::clone(self));
         }
-        // A config that was just made shares nothing.
+        // A new config is not shared.
         let form = Arc::get_mut(&mut self.0).expect("not shared");
         form.typed = OnceLock::new();
         Arc::get_mut(&mut form.base).expect("not shared")
@@ -251,7 +251,7 @@ mod tests {
 
     static READ: AtomicUsize = AtomicUsize::new(0);
 
-    /// Counts how often it is read.
+    /// Counts the number of times that it is read.
     #[derive(Clone, Serialize, Deserialize)]
     #[serde(from = "Plain")]
     struct Counted {
@@ -278,7 +278,7 @@ mod tests {
         let differs = changes(&made, &stored).into_iter().map(Arc::new).collect();
         stored.rebase(&made, differs);
         assert_eq!((read(&stored), &*stored), ((2.0, 1), &json!({ "rate": 2.0 })));
-        // A change is read anew, and other structs read the same config.
+        // A change is read again, and other structs read the same config.
         stored["rate"] = json!(3.0);
         assert_eq!((read(&stored), read(&made)), ((3.0, 2), (1.0, 2)));
         assert_eq!(made.typed::<Plain>().unwrap().rate, 1.0);

@@ -1,10 +1,10 @@
-//! Data files that a config names under the key `file`: the content of one is part of a trial's id, and the trial gets
-//! exactly this content.
+//! Data files that a config names under the key `file`. The content of a file is part of a trial's id, and the trial
+//! gets exactly this content.
 //!
-//! A plan hashes the content. A trial reads each file once, holds it against the hash, and hands its plugins a config
-//! with the content beside the path: a plugin that is built several times reads the same content, even if the file
-//! changes meanwhile. Binary files may be larger than memory: a config gets their hash, and plugins read them by their
-//! path.
+//! A plan hashes the content. A trial reads each file once, compares it with the hash, and gives its plugins a config
+//! with the content beside the path. A plugin that is built several times therefore reads the same content, even if the
+//! file changes meanwhile. Binary files may be larger than memory: a config gets their hash, and plugins read them by
+//! their path.
 
 use crate::{Error, digest, panics, parquet};
 use document::input_file::{self, Use};
@@ -41,19 +41,19 @@ enum DataFileConfig {
 /// The format of a file, by its first bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FileFormat {
-    /// Text, as far as its first bytes go.
+    /// Text, according to its first bytes.
     Text,
     /// Apache Parquet.
     Parquet,
     /// HDF5.
     Hdf5,
-    /// Bytes that are no text, in a layout that the plugin knows which asks for the file.
+    /// Bytes that are not text, in a layout that only the plugin knows.
     Binary,
 }
 
 impl FileFormat {
     /// # Errors
-    /// [`Error::File`] where the file cannot be read.
+    /// [`Error::File`] if the file cannot be read.
     fn of(path: &Path) -> Result<Self, Error> {
         let opened = input_file::open(path, Use::Bytes).and_then(|mut file| first_bytes(&mut file));
         opened
@@ -77,19 +77,19 @@ fn first_bytes(file: &mut impl Read) -> io::Result<Vec<u8>> {
     Ok(first)
 }
 
-/// Whether the first bytes of a file are UTF-8, maybe cut inside a character, without control characters.
+/// Whether the first bytes of a file are UTF-8 without control characters; they may end inside a character.
 fn is_text(first: &[u8]) -> bool {
     let whole = match str::from_utf8(first) {
         Ok(text) => text,
         Err(error) if error.error_len().is_some() => return false,
-        // Valid up to there, as the error says.
+        // The bytes before the reported position are valid.
         Err(error) => str::from_utf8(&first[..error.valid_up_to()]).unwrap_or_default(),
     };
     !whole.contains(|character: char| character.is_control() && !"\t\r\n\u{c}".contains(character))
 }
 
 impl DataFile {
-    /// The file at a path, read when its text is asked for.
+    /// The file at a path; it is read when its text is requested.
     #[must_use]
     pub fn new(path: impl Into<PathBuf>) -> Self {
         Self {
@@ -105,10 +105,10 @@ impl DataFile {
         &self.path
     }
 
-    /// Text of the file: inside a trial the text that the trial's id names, elsewhere the present one.
+    /// Text of the file: inside a trial the text with the hash in the trial's id, elsewhere the current one.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be read or is no UTF-8.
+    /// [`Error::File`] if it cannot be read or is no UTF-8.
     pub fn text(&self) -> Result<Cow<'_, str>, Error> {
         match &self.content {
             Some(content) => Ok(Cow::Borrowed(content)),
@@ -122,7 +122,7 @@ impl DataFile {
     /// Copies the file into a folder, under its own name, so that no other program changes the copy while it is read.
     ///
     /// # Errors
-    /// [`Error::DataFileChanged`] where the content is not the one that the trial's id names, and [`Error::File`].
+    /// [`Error::DataFileChanged`] if the hash of the content is not the one in the trial's id, and [`Error::File`].
     pub fn copy_into(&self, folder: &Path) -> Result<PathBuf, Error> {
         let copy = folder.join(self.path.file_name().unwrap_or_default());
         self.copy_to(&copy)?;
@@ -132,7 +132,7 @@ impl DataFile {
     /// Copies the file to a path.
     ///
     /// # Errors
-    /// As [`copy_into`](Self::copy_into).
+    /// The errors of [`copy_into`](Self::copy_into).
     pub fn copy_to(&self, copy: &Path) -> Result<(), Error> {
         let written = match &self.content {
             Some(content) => fs::write(copy, content.as_bytes()),
@@ -143,10 +143,10 @@ impl DataFile {
         self.held_against(|| digest_of(copy))
     }
 
-    /// Holds the file against the trial's id once more, after a plugin read it by its path.
+    /// Compares the file with the trial's id again, after a plugin read it by its path.
     ///
     /// # Errors
-    /// [`Error::DataFileChanged`] where the content has changed, and [`Error::File`].
+    /// [`Error::DataFileChanged`] if the content has changed, and [`Error::File`].
     pub fn unchanged(&self) -> Result<(), Error> {
         self.held_against(|| digest_of(&self.path))
     }
@@ -163,7 +163,7 @@ impl DataFile {
     /// The format of the file.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be read.
+    /// [`Error::File`] if it cannot be read.
     pub fn format(&self) -> Result<FileFormat, Error> {
         match self.content {
             Some(_) => Ok(FileFormat::Text),
@@ -171,10 +171,10 @@ impl DataFile {
         }
     }
 
-    /// Hash of the content: inside a trial the one that the trial's id names.
+    /// Hash of the content: inside a trial the one in the trial's id.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be read.
+    /// [`Error::File`] if it cannot be read.
     pub fn digest(&self) -> Result<Cow<'_, str>, Error> {
         match (&self.digest, &self.content) {
             (Some(digest), _) => Ok(Cow::Borrowed(digest)),
@@ -183,10 +183,10 @@ impl DataFile {
         }
     }
 
-    /// The bytes of a binary file: inside a trial those that the trial's id names.
+    /// The bytes of a binary file: inside a trial those with the hash in the trial's id.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be read, [`Error::DataFileChanged`] where its content has changed.
+    /// [`Error::File`] if it cannot be read, [`Error::DataFileChanged`] if its content has changed.
     pub fn bytes(&self) -> Result<Vec<u8>, Error> {
         let bytes = input_file::read(&self.path, Use::Bytes).map_err(Error::file("read", &self.path))?;
         self.held_against(|| Ok(digest::of_bytes(&bytes)))?;
@@ -196,8 +196,8 @@ impl DataFile {
     /// Columns of a Parquet file as numbers, in the order of `names`.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be read, [`Error::Damaged`] where it is no such file, and [`Error::Input`]
-    /// with the column that is missing or holds something else, and the row of a cell that is empty.
+    /// [`Error::File`] if it cannot be read, [`Error::Damaged`] if it is no such file, and [`Error::Input`] with the
+    /// column that is missing or has another type, or with the row of an empty cell.
     pub fn parquet_columns(&self, names: &[&str]) -> Result<Vec<Vec<f64>>, Error> {
         let bytes = self.bytes()?;
         panics::or_damaged(&self.path, || {
@@ -245,10 +245,10 @@ impl JsonSchema for DataFile {
     }
 }
 
-/// Hash of the content of the file at `path`, as it enters ids.
+/// Hash of the content of the file at `path`, as used in ids.
 ///
 /// # Errors
-/// [`Error::File`] where it cannot be read.
+/// [`Error::File`] if it cannot be read.
 pub fn hash_of(path: &Path) -> Result<String, Error> {
     digest_of(path)
 }
@@ -266,11 +266,10 @@ fn as_text(bytes: Vec<u8>) -> io::Result<String> {
     String::from_utf8(bytes).map_err(no_text)
 }
 
-/// The config's value of the [`DataFile`] at the path `named`, with its content, or its hash where it is binary.
+/// The config's value of the [`DataFile`] at the path `named`, with its content, or with its hash if it is binary.
 ///
 /// # Errors
-/// [`Error::DataFileChanged`] where its hash is not `expected`, and [`Error::File`] where it cannot be read
-/// or is no UTF-8.
+/// [`Error::DataFileChanged`] if its hash is not `expected`, and [`Error::File`] if it cannot be read or is no UTF-8.
 pub fn read(named: &str, expected: &str) -> Result<Value, Error> {
     let path = Path::new(named);
     let content = content(path, expected)?;
@@ -280,8 +279,8 @@ pub fn read(named: &str, expected: &str) -> Result<Value, Error> {
     })
 }
 
-/// The text of a file, `None` where it is binary; the file is opened once, so that the text is the one that was held
-/// against the hash.
+/// The text of a file, `None` if it is binary. The file is opened once, so that the text is the one whose hash was
+/// compared.
 fn content(path: &Path, expected: &str) -> Result<Option<String>, Error> {
     let of_file = || Error::file("read", path);
     let unchanged = |digest: String| {
@@ -330,7 +329,7 @@ mod tests {
         let named = path.to_str().unwrap();
         assert!(hash_of(&path).is_err());
         assert!(matches!(read(named, ""), Err(Error::File { .. })));
-        // Text at its beginning, and none at its end.
+        // A file that begins as text but does not end as text.
         fs::write(&path, [vec![b'1'; 5000], vec![0xff]].concat()).unwrap();
         let message = read(named, &hash_of(&path).unwrap()).unwrap_err().to_string();
         assert!(
@@ -391,7 +390,7 @@ mod tests {
             file.unchanged().unwrap();
             fs::write(&path, b"\xff another").unwrap();
             assert_eq!(fs::read(&copy).unwrap(), bytes);
-            // The text was read with the id; of the other file the next copy would hold something else.
+            // The text was read with the id; the next copy of the other file would have other content.
             let again = file.copy_into(own.path());
             assert_eq!(again.is_ok(), name == "load.csv", "{again:?}");
             assert_eq!(file.unchanged().is_ok(), name == "load.csv");

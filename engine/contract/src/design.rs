@@ -1,4 +1,4 @@
-//! Designs that a search chose: the content of `choice.json` of its trial, for other trials to build again.
+//! Designs that a search chose: the content of `choice.json` of its trial, which other trials build again.
 
 use crate::{Error, Space};
 use serde::{Deserialize, Serialize};
@@ -14,12 +14,12 @@ pub struct Design {
     pub candidate: u64,
     /// Return when the search tried it.
     pub observed_return: f64,
-    /// The metric that it was chosen by; absent where that is the return.
+    /// The metric by which it was chosen; absent if that is the return.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub chosen_by: Option<Observed>,
     /// The action of the only seat, step by step.
     pub actions: Vec<Vec<f64>>,
-    /// The same in words, where the actions are choices: the option by the name of its choice, step by step.
+    /// The same as names, if the actions are choices: the option by the name of its choice, step by step.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub options: Vec<BTreeMap<String, String>>,
 }
@@ -33,7 +33,7 @@ pub struct Observed {
     pub value: f64,
 }
 
-/// The best designs of a search, the best one first; no two of them take the same options.
+/// The best designs of a search, the best one first; no two of them have the same options.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Designs {
     /// The designs, the best one first.
@@ -44,7 +44,7 @@ impl Designs {
     /// Reads the designs that a search left in the folder of its trial.
     ///
     /// # Errors
-    /// [`Error::File`] where the file is missing, [`Error::Damaged`] where it holds something else.
+    /// [`Error::File`] if the file is missing, [`Error::Damaged`] if it has other content.
     pub fn read(folder: &Path) -> Result<Self, Error> {
         let path = folder.join(FILE);
         let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
@@ -57,16 +57,16 @@ impl Designs {
     /// Writes the designs into the folder of a trial.
     ///
     /// # Errors
-    /// [`Error::File`] where the file cannot be written.
+    /// [`Error::File`] if the file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), Error> {
         let path = folder.join(FILE);
-        // Numbers, words and lists: nothing that JSON cannot say. Returns are finite, which the record checks.
+        // Numbers, strings and lists can always be written as JSON. Returns are finite, which the record checks.
         let text = serde_json::to_vec_pretty(self).expect("designs serialise");
         fs::write(&path, text).map_err(Error::file("write", &path))
     }
 }
 
-/// The options that actions take, by the names of their choices; empty for actions of another kind.
+/// The options that actions select, by the names of their choices; empty for actions of another kind.
 ///
 /// # Errors
 /// [`Error::Action`] for an action outside this space.

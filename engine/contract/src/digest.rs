@@ -1,4 +1,4 @@
-//! Digests, by which files are known.
+//! Digests, which identify files.
 
 use serde::Serialize;
 use serde_json::Value;
@@ -19,10 +19,10 @@ pub fn of_hash(hash: &blake3::Hash) -> String {
     hash.to_hex()[..LENGTH].to_string()
 }
 
-/// The digest of a file, read piece by piece: it may be larger than memory.
+/// The digest of a file, read piece by piece, since it may be larger than memory.
 ///
 /// # Errors
-/// Where it cannot be read.
+/// It cannot be read.
 pub fn of_file(file: impl Read) -> io::Result<String> {
     let mut hasher = blake3::Hasher::new();
     hasher.update_reader(file)?;
@@ -64,7 +64,7 @@ pub(crate) fn write_canonical(value: &Value, out: &mut Vec<u8>) {
 }
 
 pub(crate) fn write_scalar(scalar: &impl Serialize, out: &mut Vec<u8>) {
-    // Neither a word nor a JSON value that holds no other can fail to be written into memory.
+    // Neither a string nor a JSON value without children can fail to be written into memory.
     serde_json::to_writer(out, scalar).expect("a scalar is text");
 }
 

@@ -2,10 +2,10 @@
 
 use std::{path::Path, time::Duration};
 
-/// Why no study can be made; the message says what it can be made from.
+/// Reason why no study can be made; the message names the possible sources.
 pub type DraftError = Box<dyn std::error::Error + Send + Sync>;
 
-/// The command or sweep that a study is made from.
+/// The command or sweep from which a study is made.
 #[derive(Debug, Clone, Copy)]
 pub struct Given<'a> {
     /// A command line, or the name of a file.
@@ -14,11 +14,11 @@ pub struct Given<'a> {
     pub folder: &'a Path,
     /// Further files of the program that the command names, as patterns.
     pub sources: &'a [String],
-    /// How long the program runs at most.
+    /// Longest time for which the program runs.
     pub runs_for: Duration,
 }
 
-/// A study in the making.
+/// A study that is being drafted.
 pub trait Draft {
     /// The commands that have to run before it can be written.
     fn starts(&self) -> Vec<Vec<String>>;
@@ -26,15 +26,15 @@ pub trait Draft {
     /// Runs the commands, and reads what they write.
     ///
     /// # Errors
-    /// Where a command fails, or writes nothing that can be read.
+    /// A command fails, or writes nothing that can be read.
     fn look(&mut self) -> Result<(), DraftError>;
 
     /// The study, in YAML with comments.
     fn text(&self, name: &str) -> String;
 
-    /// Sentences on the parts that the person should look at.
+    /// Sentences on the parts that the user should check.
     fn told(&self) -> Vec<String>;
 }
 
-/// Begins a study; nothing runs yet.
+/// Begins a study; runs no command yet.
 pub type BeginDraft = fn(&Given<'_>) -> Result<Box<dyn Draft>, DraftError>;

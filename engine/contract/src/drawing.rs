@@ -17,7 +17,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Largest number of bytes of pixels that are read; a file that claims more is refused before memory is set aside for
+/// Largest number of bytes of pixels that are read; a file that declares more is refused before memory is allocated for
 /// it.
 const MOST_BYTES: u64 = 1 << 28;
 
@@ -29,8 +29,8 @@ pub struct Graph {
     pub nodes: Vec<Node>,
     /// Arrows of the graph, in any order.
     pub edges: Vec<Edge>,
-    /// The first words of all labels that designs of this kind may have, those that are best told apart first.
-    /// Each has the same colour in every figure; where empty, the most frequent ones of a graph are coloured.
+    /// The first words of all labels that designs of this kind may have; those that are most important to distinguish
+    /// come first. Each has the same colour in every figure; if empty, the most frequent ones of a graph are coloured.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub operations: Vec<String>,
 }
@@ -39,14 +39,14 @@ pub struct Graph {
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Node {
-    /// Text in the box; a single character, as `+`, stands in a circle.
+    /// Text in the box; a single character, such as `+`, is drawn in a circle.
     pub label: String,
-    /// Place along the flow. Only the order counts, as of the lanes.
+    /// Place along the flow. Only the order matters, and the same holds for lanes.
     pub column: u32,
     /// Place across the flow.
     #[serde(default)]
     pub lane: i32,
-    /// Name of the frame around the box, as `cell 1`; empty for none.
+    /// Name of the frame around the box, such as `cell 1`; empty for none.
     #[serde(default)]
     pub group: String,
 }
@@ -85,7 +85,7 @@ pub struct Drawings {
     pub graph: Option<Graph>,
     /// Samples, all of one size.
     pub images: Vec<Image>,
-    /// Why a drawing that it left cannot be shown.
+    /// Reason why a drawing that the trial left cannot be shown.
     pub problem: Option<String>,
 }
 
@@ -93,7 +93,7 @@ impl Drawings {
     /// Reads the drawings of one kind from a trial's folder; other kinds of artifacts are no drawings.
     ///
     /// # Errors
-    /// As [`Graph::read`] and [`Image::read_all`].
+    /// The errors of [`Graph::read`] and [`Image::read_all`].
     pub fn read(&mut self, kind: ArtifactKind, folder: &Path) -> Result<(), Error> {
         match kind {
             ArtifactKind::Graph => self.graph = Some(Graph::read(folder)?),
@@ -149,7 +149,7 @@ impl Graph {
     /// Writes the graph into a trial's folder.
     ///
     /// # Errors
-    /// [`Error::Drawing`] for a graph that cannot be drawn, [`Error::Store`] where the file cannot be written.
+    /// [`Error::Drawing`] for a graph that cannot be drawn, [`Error::Store`] if the file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), Error> {
         self.check()?;
         let path = folder.join(GRAPH_FILE);
@@ -162,7 +162,7 @@ impl Graph {
     /// Reads the graph that a trial left.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be read, [`Error::Damaged`] where it is no graph that can be drawn.
+    /// [`Error::File`] if it cannot be read, [`Error::Damaged`] if it is no graph that can be drawn.
     pub fn read(folder: &Path) -> Result<Self, Error> {
         let path = folder.join(GRAPH_FILE);
         let text = fs::read(&path).map_err(Error::file("read", &path))?;
@@ -198,8 +198,7 @@ impl Image {
     /// Writes square images of one size into a trial's folder.
     ///
     /// # Errors
-    /// [`Error::Drawing`] where there is none or they do not fit, [`Error::Store`] where the file cannot be
-    /// written.
+    /// [`Error::Drawing`] if there is none or they do not fit together, [`Error::Store`] if the file cannot be written.
     pub fn write_all(images: &[Self], folder: &Path) -> Result<(), Error> {
         let stacked = stacked(images)?;
         let path = folder.join(IMAGES_FILE);
@@ -211,8 +210,8 @@ impl Image {
     /// Reads the images that a trial left.
     ///
     /// # Errors
-    /// [`Error::File`] where the file cannot be read, [`Error::Damaged`] where it is no 8-bit RGB PNG whose
-    /// height is a multiple of its width.
+    /// [`Error::File`] if the file cannot be read, [`Error::Damaged`] if it is no 8-bit RGB PNG whose height is a
+    /// multiple of its width.
     pub fn read_all(folder: &Path) -> Result<Vec<Self>, Error> {
         let path = folder.join(IMAGES_FILE);
         let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
@@ -273,7 +272,7 @@ impl Image {
     }
 }
 
-/// One image with all others below it.
+/// One image that contains all images, one below the other.
 fn stacked(images: &[Image]) -> Result<Image, DrawingError> {
     let side = images.first().ok_or(DrawingError::NoPixel)?.width;
     for (number, image) in images.iter().enumerate() {
@@ -303,7 +302,7 @@ fn stacked(images: &[Image]) -> Result<Image, DrawingError> {
     })
 }
 
-/// The image in an 8-bit RGB PNG; as the error, the kind of image that it is instead.
+/// The image in an 8-bit RGB PNG; the error is the kind of image that it is instead.
 fn decoded(bytes: &[u8]) -> Result<Image, String> {
     let words = |error: png::DecodingError| error.to_string();
     let mut reader = png::Decoder::new(Cursor::new(bytes)).read_info().map_err(words)?;

@@ -1,16 +1,16 @@
-//! How processes end.
+//! Endings of processes.
 
-/// How a process ended.
+/// Ending of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ending {
-    /// It left with this exit code.
+    /// It exited with this code.
     Code(i32),
     /// It was ended by this signal.
     Signal(i32),
 }
 
-/// A signal as people know it, as in `signal 11 (segmentation fault)`.
+/// A signal with its usual name, as in `signal 11 (segmentation fault)`.
 #[must_use]
 pub fn signal_name(signal: i32) -> String {
     let name = match signal {

@@ -14,7 +14,7 @@ use std::borrow::Cow;
 pub struct Channel {
     /// Column name, for example `voltage_1`.
     pub name: String,
-    /// SI unit, empty where there is none.
+    /// SI unit; empty if there is none.
     pub unit: String,
     /// Smallest value that can occur (may be `-inf`).
     #[serde(with = "exact")]
@@ -26,8 +26,8 @@ pub struct Channel {
     pub center: f64,
     /// A typical deviation from `center`, above zero; agents that scale their inputs divide by it.
     pub spread: f64,
-    /// For an entry of an action: the environment's own limits that correspond to `low` and `high`, where these differ.
-    /// Code of the person who wrote the environment uses the own limits.
+    /// For an entry of an action: the environment's own limits that correspond to `low` and `high`, if these differ.
+    /// Code of the environment's author uses its own limits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_limits: Option<(f64, f64)>,
 }
@@ -63,7 +63,7 @@ impl Channel {
         Self { low, high, ..self }
     }
 
-    /// The same channel, whose limits correspond to these limits of the environment's own.
+    /// The same channel, with the environment's own limits that correspond to its limits.
     #[must_use]
     pub fn standing_for(self, low: f64, high: f64) -> Self {
         Self {
@@ -73,7 +73,7 @@ impl Channel {
     }
 }
 
-/// The set an observation or action vector lives in.
+/// The set that contains an observation or action vector.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Space {
     /// A box, one channel per entry.
@@ -82,8 +82,8 @@ pub enum Space {
     Simplex(Vec<String>),
     /// One of several named choices; the vector has one entry, the index.
     Discrete(Vec<String>),
-    /// Several choices at once, each among named options: one value in [-1, 1] per option, and of each choice the
-    /// option with the largest value is taken. See [`choice`].
+    /// Several choices at once, each among named options: one value in [-1, 1] per option, and the option with the
+    /// largest value of each choice is selected. See [`choice`].
     Choices(Vec<Choice>),
 }
 
@@ -105,7 +105,8 @@ impl Space {
         self.len() == 0
     }
 
-    /// Number of entries of an action as other programs write it: of each choice the position of its option.
+    /// Number of entries of an action in the form of other programs, which has the position of the option for each
+    /// choice.
     #[must_use]
     pub fn n_asked(&self) -> usize {
         match self {
@@ -114,11 +115,11 @@ impl Space {
         }
     }
 
-    /// The action of this space for the entries that another program writes.
+    /// The action of this space for entries in the form of other programs.
     ///
     /// # Errors
-    /// [`Error::Action`] for another number of entries, and for a number that is no position of an option; other values
-    /// outside the space are refused by the environment.
+    /// [`Error::Action`] for another number of entries, and for a number that is no position of an option. The
+    /// environment refuses other values outside the space.
     pub fn asked(&self, entries: &[f64]) -> Result<Vec<f64>, Error> {
         if entries.len() != self.n_asked() {
             let problem = format!(
@@ -160,7 +161,7 @@ pub struct Seat {
     pub action: Space,
 }
 
-/// The description of an environment that an agent is built for.
+/// The description of an environment for which an agent is built.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Interface {
     /// The seats, in order.
@@ -169,7 +170,7 @@ pub struct Interface {
     pub state: Vec<Channel>,
 }
 
-/// Whether and why an episode ended.
+/// Reason why an episode ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum End {
     /// The environment reached a terminal state: no value follows.
@@ -183,7 +184,7 @@ pub enum End {
 pub struct Observation {
     /// One vector per seat.
     pub seats: Vec<Vec<f64>>,
-    /// The full state, or empty where the agent does not read it.
+    /// The full state; empty if the agent does not read it.
     pub state: Vec<f64>,
 }
 
@@ -232,7 +233,7 @@ impl Step {
         values.into_iter().fold(self, record)
     }
 
-    /// The recorded value of a metric; `None` where the step did not record it.
+    /// The recorded value of a metric; `None` if the step did not record it.
     #[must_use]
     pub fn metric(&self, name: &str) -> Option<f64> {
         let named = self.metrics.iter().find(|(metric, _)| metric == name);
@@ -240,7 +241,7 @@ impl Step {
     }
 }
 
-/// Which direction of a metric is the better one.
+/// Better direction of a metric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Better {
     /// More is better.
@@ -249,7 +250,7 @@ pub enum Better {
     Lower,
 }
 
-/// How the values of a metric over the steps of an episode become one value of the episode.
+/// Reduction of the values of a metric over the steps of an episode to one value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum PerEpisode {
     /// The sum over the steps.
@@ -269,13 +270,13 @@ pub enum PerEpisode {
 pub struct Metric {
     /// Name, as studies write it.
     pub name: String,
-    /// SI unit, empty where there is none.
+    /// SI unit; empty if there is none.
     pub unit: String,
     /// Meaning of the metric, in one line.
     pub about: String,
     /// Whether larger or smaller values are better.
     pub better: Better,
-    /// How the values of steps become one value of an episode.
+    /// Reduction of the values of steps to one value of an episode.
     pub per_episode: PerEpisode,
 }
 
@@ -292,14 +293,14 @@ impl Metric {
         }
     }
 
-    /// The reason that a name cannot stand in a claim; `None` where it can: letters, digits and `_`.
+    /// The reason why a name cannot be used in a claim; `None` if it can. Names consist of letters, digits and `_`.
     #[must_use]
     pub fn name_problem(name: &str) -> Option<&'static str> {
         let is_name = !name.is_empty() && name.chars().all(|it| it.is_alphanumeric() || it == '_');
         (!is_name).then_some("is no name that a claim could say: letters, digits and `_` make one")
     }
 
-    /// The same metric with less being better.
+    /// The same metric, with lower values being better.
     #[must_use]
     pub fn lower_is_better(self) -> Self {
         Self {
@@ -308,14 +309,14 @@ impl Metric {
         }
     }
 
-    /// The same metric with another way to become one value of an episode.
+    /// The same metric with another reduction to one value of an episode.
     #[must_use]
     pub fn per_episode(self, per_episode: PerEpisode) -> Self {
         Self { per_episode, ..self }
     }
 }
 
-/// Values that belong to an environment and to no episode, such as a reward over a grid of two actions.
+/// Values that belong to an environment rather than to an episode, such as a reward over a grid of two actions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StaticTrace {
     /// Names of the columns, as they are traced.
@@ -332,7 +333,7 @@ pub trait Environment: Send {
     /// The seats, in order; fixed for the life of the environment.
     fn seats(&self) -> &[Seat];
 
-    /// The metrics that every step records by their names, see [`Step::record`].
+    /// The metrics that every step records by name, see [`Step::record`].
     fn metrics(&self) -> &[Metric] {
         &[]
     }
@@ -340,24 +341,24 @@ pub trait Environment: Send {
     /// Starts an episode and returns the observation of each seat.
     ///
     /// # Errors
-    /// Where the start that the config asks for does not exist.
+    /// The start that the config asks for does not exist.
     fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error>;
 
-    /// Starts the episode with this number of a measurement. An environment that has a list of episodes, as of
-    /// test cases, starts the one that stands there; for others every episode is like [`reset`](Self::reset).
+    /// Starts the episode with this number of a measurement. An environment with a list of episodes, such as test
+    /// cases, starts the one at this place; for others every episode is like [`reset`](Self::reset).
     ///
     /// # Errors
-    /// As `reset`.
+    /// The errors of `reset`.
     fn reset_to(&mut self, _episode: u64, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
         self.reset(rng)
     }
 
-    /// Begins the next [`step`](Self::step), which follows with the same actions, as `step_async` of Gymnasium's vector
-    /// environments does. It is called for all environments that are stepped together before the first of them is
-    /// stepped, so that those in other processes compute side by side; others have nothing to do.
+    /// Begins the next [`step`](Self::step), which follows with the same actions, like `step_async` of Gymnasium's
+    /// vector environments. It is called for all environments that are stepped together before the first of them is
+    /// stepped, so that those in other processes compute in parallel. Other environments do nothing.
     ///
     /// # Errors
-    /// As `step`.
+    /// The errors of `step`.
     fn begin_step(&mut self, _actions: &[Vec<f64>]) -> Result<(), Error> {
         Ok(())
     }
@@ -365,7 +366,7 @@ pub trait Environment: Send {
     /// Applies one action per seat.
     ///
     /// # Errors
-    /// Where an action lies outside its space or the model's equations fail.
+    /// An action lies outside its space, or the model's equations fail.
     fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error>;
 
     /// Channels of [`Environment::state`].
@@ -373,8 +374,8 @@ pub trait Environment: Send {
         Vec::new()
     }
 
-    /// The full state, which no ordinary policy sees; read by informed controllers, regressions (as the
-    /// target) and centralised critics.
+    /// The full state, which ordinary policies do not see. Informed controllers, regressions (as the target) and
+    /// centralised critics read it.
     fn state(&self) -> Vec<f64> {
         Vec::new()
     }
@@ -382,50 +383,50 @@ pub trait Environment: Send {
     /// Channels of [`Environment::trace`]: values that a rollout writes besides actions and rewards.
     fn trace_channels(&self) -> Vec<Channel>;
 
-    /// Traced values of the present time, one per trace channel; `NaN` becomes an empty cell.
+    /// Traced values at the present time, one per trace channel; `NaN` becomes an empty cell.
     fn trace(&self) -> Vec<f64>;
 
-    /// Values that hold for all episodes alike; protocols that trace episodes trace them too. `None` where an
+    /// Values that are the same for all episodes; protocols that trace episodes trace them too. `None` if an
     /// environment has none.
     fn static_trace(&self) -> Option<StaticTrace> {
         None
     }
 
-    /// Graph of the design of the episode that just ended, where an environment has designs. Protocols that search
-    /// leave it for figures.
+    /// Graph of the design of the episode that just ended, if the environment has designs. Protocols that search store
+    /// it for figures.
     fn graph(&self) -> Option<Graph> {
         None
     }
 
-    /// Samples that the design of the episode that just ended generates, square and of one size; none where there is
-    /// nothing to show. Protocols that search leave them for figures.
+    /// Samples that the design of the episode that just ended generates, square and of one size; empty if there is
+    /// nothing to show. Protocols that search store them for figures.
     ///
     /// # Errors
-    /// Where they cannot be made.
+    /// The images cannot be generated.
     fn images(&mut self) -> Result<Vec<Image>, Error> {
         Ok(Vec::new())
     }
 
-    /// The state that changes during an episode, so that a stopped trial continues to the same bits.
+    /// The state that changes during an episode, with which a stopped trial continues bit by bit.
     fn snapshot(&self) -> serde_json::Value;
 
     /// Continues from a snapshot of an environment with the same config.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] where the snapshot does not fit.
+    /// [`Error::Checkpoint`] if the snapshot does not fit.
     fn restore(&mut self, snapshot: &serde_json::Value) -> Result<(), Error>;
 
-    /// Tries out an environment whose code is not this program's own. `check` calls it before any trial runs: the
+    /// Tries out an environment whose code is not part of this program. `check` calls it before any trial runs. The
     /// environment refuses a config whose trials could not be repeated, and returns its doubts, each an
-    /// [`Error::Config`] with its key. `None` where there is nothing to try, as for all code of this program's own.
+    /// [`Error::Config`] with its key. `None` if there is nothing to try, as for all code of this program.
     ///
     /// # Errors
-    /// A problem with which it must not run.
+    /// A problem that prevents the environment from running.
     fn rehearse(&mut self) -> Result<Option<Vec<Error>>, Error> {
         Ok(None)
     }
 
-    /// The interface that agents are built for.
+    /// The interface for which agents are built.
     fn interface(&self) -> Interface {
         Interface {
             seats: self.seats().to_vec(),

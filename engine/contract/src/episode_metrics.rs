@@ -3,7 +3,7 @@
 use crate::{Error, Metric, PerEpisode, Step, exact};
 use serde::{Deserialize, Serialize};
 
-/// Metrics of an episode under way.
+/// Metrics of an episode that has not ended.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct EpisodeMetrics {
     /// Sum, largest, smallest or last value so far of each metric, in the order of the environment's metrics.
@@ -25,7 +25,7 @@ impl EpisodeMetrics {
     /// Adds the values that a step recorded.
     ///
     /// # Errors
-    /// [`Error::Recorded`] where the step did not record each of `metrics` once.
+    /// [`Error::Recorded`] if the step did not record each of `metrics` once.
     pub fn add(&mut self, metrics: &[Metric], step: &Step) -> Result<(), Error> {
         let is_first = self.steps == 0;
         self.steps += 1;

@@ -1,4 +1,4 @@
-//! Errors of the engine and of plugins, as one enum. Mistakes in a study are diagnostics, and not among them.
+//! Errors of the engine and of plugins, as one enum. Mistakes in a study are diagnostics instead.
 
 use crate::ending::{Ending, signal_name};
 use document::{plain_text, reach};
@@ -15,14 +15,14 @@ pub enum Error {
     /// A file could not be read or written.
     #[error("cannot {doing} `{}`: {source}", path.display())]
     File {
-        /// The action that failed, as in "read".
+        /// The action that failed, such as "read".
         doing: &'static str,
         /// Path of the file.
         path: PathBuf,
         /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A value of a plugin's config is wrong in a way that its schema cannot say.
+    /// A value of a plugin's config is wrong in a way that its schema cannot express.
     #[error("`{key}`: {problem}")]
     Config {
         /// The key inside the plugin's config, dotted.
@@ -35,7 +35,7 @@ pub enum Error {
     Unavailable {
         /// The key inside the plugin's config that names the missing thing, dotted.
         key: String,
-        /// The missing thing, and how to get it.
+        /// The missing thing, and instructions to get it.
         problem: String,
     },
     /// An agent cannot be used with an environment.
@@ -105,7 +105,7 @@ pub enum Error {
         /// The fault in the artifact.
         problem: String,
     },
-    /// The policy that a trial left is of no form that other runtimes can be given.
+    /// The policy that a trial left has no form that can be exported to other runtimes.
     #[error(
         "what trial {trial} of `{agent}` left as its policy acts on no observation in a form that is known here: {}",
         known.join(", ")
@@ -118,41 +118,41 @@ pub enum Error {
         /// Names of the forms that are known.
         known: Vec<&'static str>,
     },
-    /// A dataset was gathered in an environment whose seats see or do something else.
+    /// A dataset was gathered in an environment whose seats have other observations or actions.
     #[error("the dataset was gathered in another environment: {what} is {found} there and {expected} here")]
     OtherInterface {
-        /// The property that differs, as in "observed channel 3".
+        /// The property that differs, such as "observed channel 3".
         what: String,
         /// Its value in the dataset.
         found: String,
         /// Its value in this environment.
         expected: String,
     },
-    /// Designs were to be proposed in an environment that has not exactly one seat.
+    /// Designs cannot be proposed in an environment that does not have exactly one seat.
     #[error("a search proposes the designs of one seat; this environment has {seats} seats")]
     ManySeats {
         /// Number of seats of the environment.
         seats: usize,
     },
-    /// A dataset was to be made of seats some of which choose and others do not.
+    /// A dataset cannot be made if some seats choose and others do not.
     #[error(
         "a dataset holds {what} of one kind; in this environment those of some seats are choices and those of others \
          are not"
     )]
     MixedSeats {
-        /// The vectors of two kinds, as in "actions".
+        /// The vectors of two kinds, such as "actions".
         what: &'static str,
     },
-    /// A dataset was to be made of an environment without seats.
+    /// A dataset cannot be made of an environment without seats.
     #[error("a dataset holds what seats saw and did; this environment has none")]
     NoSeats,
-    /// A device on which learners compute cannot be used, or was lost while a trial ran: no fault of the trial.
+    /// A device on which learners compute cannot be used, or was lost while a trial ran; the trial is not at fault.
     #[error("{problem}")]
     Device {
-        /// What is wrong, as a sentence without its full stop.
+        /// The problem, as a sentence without its full stop.
         problem: String,
     },
-    /// A process that computes for the trial was ended from outside: no fault of the trial.
+    /// A process that computes for the trial was ended from outside; the trial is not at fault.
     #[error("{what} was ended by signal {signal}")]
     Ended {
         /// Name of the process.
@@ -160,39 +160,39 @@ pub enum Error {
         /// Number of the signal.
         signal: i32,
     },
-    /// A program that trains an agent did not end well, by its own fault.
+    /// A program that trains an agent ended with an error of its own.
     #[error("`{program}` {}{}", ending(*how), last_words(said))]
     Program {
         /// First words of its command.
         program: String,
-        /// How the process ended.
+        /// Ending of the process.
         how: Ending,
         /// Its last lines on standard error.
         said: String,
     },
-    /// A training was silent for longer than the study allows.
+    /// A training gave no output for longer than the study allows.
     #[error("nothing was heard of it for the limit of {} s", limit.as_secs_f64())]
     Silent {
-        /// Longest silence that is allowed.
+        /// Longest time without output that is allowed.
         limit: Duration,
     },
-    /// A plugin stopped without an answer.
+    /// A plugin panicked.
     #[error("it stopped with `{said}`, which is a mistake of its code")]
     Panicked {
         /// Message of the panic, and its place in the source code.
         said: String,
     },
-    /// The trial left before its end because it was asked to; its state is saved.
+    /// The trial stopped before its end on request; its state is saved.
     #[error("the trial was asked to stop; it continues from its checkpoint")]
     Stopped,
-    /// A file that a person gave is not valid.
+    /// A file from the user is not valid.
     #[error("`{}`{}: {}", path.display(), place(*line, column.as_deref()), said(path, problem))]
     Input {
         /// Path of the file.
         path: PathBuf,
-        /// The line, from 1, where one is at fault.
+        /// The line, from 1, if one is at fault.
         line: Option<u64>,
-        /// The name of the column, where one is at fault.
+        /// The name of the column, if one is at fault.
         column: Option<String>,
         /// The mistake at this place.
         problem: String,
@@ -200,7 +200,7 @@ pub enum Error {
     /// A bucket of object storage cannot be used.
     #[error("cannot {doing} `{address}`: {problem}")]
     Bucket {
-        /// The action that failed, as in "list the trials in".
+        /// The action that failed, such as "list the trials in".
         doing: String,
         /// The bucket, as `s3://bucket/prefix`.
         address: String,
@@ -215,7 +215,7 @@ pub enum Error {
         /// The fault in its content.
         problem: String,
     },
-    /// A stored file was written by a later version of the program; it is left as it is.
+    /// A stored file was written by a later version of the program; it is not changed.
     #[error("`{}` was written by a newer program ({problem}) and is left as it is: use that program", path.display())]
     Newer {
         /// Path of the file.
@@ -223,7 +223,7 @@ pub enum Error {
         /// The entry that shows the later version.
         problem: String,
     },
-    /// A file in a folder of results is not as its report wrote it, so that no report can be made of it.
+    /// A file in a folder of results differs from the one that its report wrote, so that no report can be made from it.
     #[error(
         "`{}` {problem}: take back the folder as it was committed (`git checkout`), or write it again from a store by \
          `regimen report` without `--recorded`",
@@ -235,7 +235,7 @@ pub enum Error {
         /// The fault in its content.
         problem: String,
     },
-    /// An environment gives something to draw that cannot be drawn.
+    /// An environment returned a drawing that cannot be drawn.
     #[error(transparent)]
     Drawing(#[from] DrawingError),
     /// A table, figure or claim could not be made from the stored trials.
@@ -246,7 +246,7 @@ pub enum Error {
         /// The missing thing.
         problem: String,
     },
-    /// The store cannot be written: a full disk, missing rights.
+    /// The store cannot be written: a full disk, or missing permissions.
     #[error("the store cannot be written: {problem}")]
     Store {
         /// The action, the path, and the error of the operating system.
@@ -260,7 +260,7 @@ pub enum Error {
     },
 }
 
-/// Why something cannot be drawn.
+/// Reason why something cannot be drawn.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DrawingError {
     /// A graph has no node.
@@ -286,7 +286,7 @@ pub enum DrawingError {
         /// Column of the node where it ends.
         to: u32,
     },
-    /// Two nodes lie at one place.
+    /// Two nodes have the same place.
     #[error("nodes {one} and {other} both stand in column {column}, lane {lane}")]
     SamePlace {
         /// Number of a node, from 0.
@@ -333,7 +333,7 @@ pub enum DrawingError {
         /// Side of each, in pixels.
         side: u32,
     },
-    /// The encoder of the file refuses.
+    /// The encoder of the file refused the image.
     #[error("the images cannot be encoded: {problem}")]
     Encoder {
         /// Error of the encoder.
@@ -356,13 +356,13 @@ fn last_words(said: &str) -> String {
     }
 }
 
-/// A place inside a file, as in `, line 3, column `x``.
+/// A position inside a file, as in `, line 3, column `x``.
 fn place(line: Option<u64>, column: Option<&str>) -> String {
     let line = line.map_or(String::new(), |line| format!(", line {line}"));
     line + &column.map_or(String::new(), |column| format!(", column `{column}`"))
 }
 
-/// A problem with a file, without words of one that is not the study's.
+/// A problem with a file, without quoting the content of a file outside the study's folder.
 fn said<'a>(path: &Path, problem: &'a str) -> Cow<'a, str> {
     if reach::is_foreign(path) {
         Cow::Owned(reach::without_words(problem))
@@ -378,7 +378,7 @@ impl Error {
         move |source| Self::File { doing, path, source }
     }
 
-    /// The same error where the file is one of the store: then the trial is not to blame.
+    /// The same error for a file of the store, for which the trial is not to blame.
     pub fn of_store(self) -> Self {
         match self {
             Self::File { .. } => Self::Store {

@@ -1,16 +1,15 @@
-//! Numbers that come back from JSON to the bit, also `NaN` and infinities, which JSON does not know: for
-//! `#[serde(with = "contract::exact")]`. A finite number is written as one, any other as its bits in hexadecimal
-//! digits.
+//! Numbers that are read back from JSON bit by bit, including `NaN` and infinities, which JSON lacks: for `#[serde(with
+//! = "contract::exact")]`. A finite number is written as a number, any other as its bits in hexadecimal digits.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// A value that can be written exactly: a number, a list or a map of such.
+/// A value that can be written exactly: a number, or a list or map of numbers.
 pub trait Exact: Sized {
     /// The value as JSON.
     fn write(&self) -> Value;
-    /// The value from JSON; `None` where it is of another kind.
+    /// The value from JSON; `None` if it is of another kind.
     fn read(value: &Value) -> Option<Self>;
 }
 
@@ -63,10 +62,10 @@ pub fn serialize<T: Exact, S: Serializer>(value: &T, serializer: S) -> Result<S:
     value.write().serialize(serializer)
 }
 
-/// Reads a value of [`serialize`].
+/// Reads a value that [`serialize`] wrote.
 ///
 /// # Errors
-/// Where it is of another kind.
+/// The value is of another kind.
 pub fn deserialize<'de, T: Exact, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
     let value = Value::deserialize(deserializer)?;
     T::read(&value).ok_or_else(|| D::Error::custom(format!("no exact numbers: {value}")))

@@ -1,4 +1,4 @@
-//! Things that agents learn from: a protocol gives one of them, and an agent takes some.
+//! Things that agents learn from. A protocol gives one of them, and an agent accepts some.
 
 /// Things that an agent learns from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -7,8 +7,8 @@ pub enum Feed {
     Decisions,
     /// Observations and states, without actions and rewards.
     Examples,
-    /// Transitions that others gathered, in batches, after
-    /// [`Agent::observe_dataset`](crate::Agent::observe_dataset) got all of them.
+    /// Transitions that others gathered, in batches, after [`Agent::observe_dataset`](crate::Agent::observe_dataset)
+    /// received all of them.
     Dataset,
     /// Whole designs that the agent proposes one after the other, each with its value at its end.
     Designs,
@@ -26,7 +26,7 @@ impl Feed {
         }
     }
 
-    /// Whether an agent that takes `taken` learns from this. The steps of a design are decisions too.
+    /// Whether an agent that learns from `taken` learns from this. The steps of a design are decisions too.
     #[must_use]
     pub fn teaches(self, taken: &[Self]) -> bool {
         taken.contains(&self) || (self == Self::Designs && taken.contains(&Self::Decisions))

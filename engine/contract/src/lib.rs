@@ -1,11 +1,11 @@
-//! The agreement of plugins and the engine: environments, agents, protocols, trials and their records.
+//! The contract between plugins and the engine: environments, agents, protocols, trials and their records.
 //!
-//! A plugin implements [`Environment`], [`Agent`] or [`Protocol`] and is entered into a [`Registry`]; the engine
-//! describes a [trial](trial::TrialKey) by the plugins' names and configs, and runs it from them. Nothing here knows
-//! of studies, stores, tables or machines.
+//! A plugin implements [`Environment`], [`Agent`] or [`Protocol`] and is added to a [`Registry`]. The engine describes
+//! a [trial](trial::TrialKey) by the plugins' names and configs, and runs it from them. This crate does not know
+//! studies, stores, tables or machines.
 //!
-//! Nothing below [`trial`] reads an environment variable or global randomness, and no clock reaches a number: a trial's
-//! numbers depend on its [`trial::TrialKey`] only.
+//! Nothing below [`trial`] reads an environment variable or global randomness, and no number depends on a clock: a
+//! trial's numbers depend only on its [`trial::TrialKey`].
 
 pub mod agent;
 pub mod artifact;

@@ -2,7 +2,7 @@
 //!
 //! | column | type | meaning |
 //! |---|---|---|
-//! | `phase` | text | `train`, `evaluate`, `final`, `trace` |
+//! | `step` | u64 | environment steps or examples at the time of recording; in a trace, the decision |
 //! | `step` | u64 | environment steps or examples when it was recorded; the decision in a trace |
 //! | `episode` | u32 | episode inside the measurement |
 //! | `seat` | u32 | seat |
@@ -18,14 +18,14 @@ use crate::{
 };
 use std::{collections::HashMap, fs, path::Path};
 
-/// Version of the columns, for other readers: this program holds a file against its acknowledged hash and
-/// knows one form.
+/// Version of the columns, for other readers. This program compares a file with its acknowledged hash and knows only
+/// one form.
 pub const SCHEMA_VERSION: u32 = 1;
 
 /// Rows of one or more trials read back.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MetricsTable {
-    /// Metric names that the rows point into.
+    /// Metric names, to which the rows refer by index.
     pub names: Vec<String>,
     /// Rows in the order of the files.
     pub rows: Vec<Row>,
@@ -34,7 +34,7 @@ pub struct MetricsTable {
 /// Reads a metrics file.
 ///
 /// # Errors
-/// [`Error::Damaged`] where it is no Parquet file or its columns are not those above.
+/// [`Error::Damaged`] if it is no Parquet file or its columns are not those above.
 pub fn read(path: &Path) -> Result<MetricsTable, Error> {
     decode(fs::read(path).map_err(Error::file("read", path))?, path)
 }
@@ -42,7 +42,7 @@ pub fn read(path: &Path) -> Result<MetricsTable, Error> {
 /// The metrics file of a trial.
 ///
 /// # Errors
-/// Where the rows cannot be encoded.
+/// The rows cannot be encoded.
 pub fn encode(record: &Recorder, trial_id: &str) -> Result<Vec<u8>, Error> {
     let entries = [
         ("regimen.schema", SCHEMA_VERSION.to_string()),
@@ -80,7 +80,7 @@ fn columns(record: &Recorder) -> Vec<(&str, Values<'_>)> {
 /// Reads the bytes of a metrics file; `path` is for messages.
 ///
 /// # Errors
-/// As [`read`].
+/// The errors of [`read`].
 pub fn decode(bytes: Vec<u8>, path: &Path) -> Result<MetricsTable, Error> {
     let damaged = |problem: String| {
         let path = path.to_path_buf();
@@ -130,7 +130,7 @@ fn rows(read: &ParquetTable<'_>) -> Result<Option<MetricsTable>, Error> {
             value,
         });
     }
-    // With very many short trials the reserved room would be most of the memory in use.
+    // With very many short trials, the reserved capacity would be most of the memory in use.
     table.rows.shrink_to_fit();
     Ok(Some(table))
 }

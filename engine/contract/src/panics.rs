@@ -1,5 +1,5 @@
-//! Panics that are caught: they print nothing, and the error or the end of the trial holds their message and their
-//! place in the source code.
+//! Panics that are caught. They print nothing, and the error or the end of the trial contains their message and their
+//! position in the source code.
 
 use crate::Error;
 use std::{
@@ -10,9 +10,9 @@ use std::{
 };
 
 thread_local! {
-    /// How many calls of [`caught`] are under way on this thread.
+    /// Number of calls of [`caught`] that are running on this thread.
     static UNDER_WAY: Cell<usize> = const { Cell::new(0) };
-    /// Where the last panic on this thread came from, as `file:line`.
+    /// Position of the last panic on this thread, as `file:line`.
     static PLACE: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
@@ -31,7 +31,7 @@ pub fn print_no_caught_ones() {
 /// The result of `run`, or the message of its panic.
 ///
 /// # Errors
-/// The message of a panic, with its place in the source code where that is known.
+/// The message of a panic, with its position in the source code if that is known.
 pub fn caught<T>(run: impl FnOnce() -> T) -> Result<T, String> {
     UNDER_WAY.set(UNDER_WAY.get() + 1);
     let outcome = catch_unwind(AssertUnwindSafe(run));
@@ -44,7 +44,7 @@ pub fn caught<T>(run: impl FnOnce() -> T) -> Result<T, String> {
     })
 }
 
-/// As [`caught`], for the reader of a file: a reader may panic over damaged content.
+/// Like [`caught`], for the reader of a file: a reader may panic over damaged content.
 ///
 /// # Errors
 /// [`Error::Damaged`] for a panic, and the errors of `read`.

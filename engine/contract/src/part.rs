@@ -28,8 +28,8 @@ pub struct Part {
     /// its name in a study does not.
     #[serde(rename = "products", default, skip_serializing_if = "BTreeMap::is_empty")]
     pub artifacts: BTreeMap<String, Taken>,
-    /// Names of keys of the config that say where it is computed: they determine no numbers. The plugin's schema marks
-    /// them with `x-identity: false`.
+    /// Names of keys of the config that only decide where it is computed; they determine no numbers. The plugin's
+    /// schema marks them with `x-identity: false`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub of_machine: Vec<String>,
 }
@@ -52,7 +52,7 @@ impl Part {
     /// Hash of plugin, version, config, the content of data files and the trials whose artifacts are taken.
     #[must_use]
     pub fn id(&self) -> String {
-        // The canonical text of `[plugin, version, config]`: a plan has many configs, and none is copied.
+        // The canonical text of `[plugin, version, config]`. A plan has many configs, and none is copied.
         let mut text = vec![b'['];
         digest::write_scalar(&self.plugin, &mut text);
         text.push(b',');
@@ -63,8 +63,9 @@ impl Part {
         digest::of_bytes(&text)
     }
 
-    /// Hash that keys an environment's random streams: as [`id`](Self::id), without the keys of its config that concern
-    /// observation only ([`About::looking_keys`]). Settings that differ in these meet the same episodes.
+    /// Hash that keys an environment's random streams: like [`id`](Self::id), but without the keys of its config that
+    /// only concern observation ([`About::looking_keys`]). Settings that differ only in these keys have the same
+    /// episodes.
     #[must_use]
     pub fn stream_id(&self, about: &About) -> String {
         let mut looking = about.looking_keys().peekable();
@@ -102,11 +103,11 @@ impl Part {
         Cow::Owned(config)
     }
 
-    /// The config as its plugin is built from it: with the content of its data files, each read once and held against
+    /// The config from which its plugin is built: with the content of its data files, each read once and compared with
     /// its hash, and with the folders of artifacts, which `find` looks up.
     ///
     /// # Errors
-    /// [`Error::DataFileChanged`], [`Error::File`] where one cannot be read, and the errors of `find`.
+    /// [`Error::DataFileChanged`], [`Error::File`] if one cannot be read, and the errors of `find`.
     pub fn loaded(&self, find: FindArtifact<'_>) -> Result<CompleteConfig, Error> {
         if self.files.is_empty() && self.artifacts.is_empty() {
             return Ok(self.config.clone());

@@ -1,4 +1,4 @@
-//! Plugins as the engine knows them: their configs, presets and schemas.
+//! Plugins as the engine sees them: their configs, presets and schemas.
 
 use crate::complete_config::CompleteConfig;
 use schemars::{JsonSchema, Schema};
@@ -8,12 +8,12 @@ use serde_json::Value;
 /// The config of a plugin.
 ///
 /// A file that a config names stands under a key `file` and is a [`DataFile`](crate::DataFile): a trial then reads the
-/// content that its id names, even if the file changes.
+/// content whose hash is in its id, even if the file changes.
 ///
 /// Derive `Clone`, `Serialize`, `Deserialize` (with `#[serde(deny_unknown_fields, default)]`) and `JsonSchema`. Doc
-/// comments become the descriptions that `describe` prints; `#[schemars(range(min = .., max = ..))]` the
-/// limits that `check` holds; `#[schemars(extend("x-unit" = "s"))]` the unit and
-/// `#[schemars(extend("x-source" = "table 3.1"))]` the source of a default.
+/// comments become the descriptions that `describe` prints. `#[schemars(range(min = .., max = ..))]` gives the limits
+/// that `check` enforces, `#[schemars(extend("x-unit" = "s"))]` the unit and `#[schemars(extend("x-source" = "table
+/// 3.1"))]` the source of a default.
 pub trait Config:
     Clone + DeserializeOwned + Serialize + Default + JsonSchema + Send + Sync + 'static
 {
@@ -34,7 +34,7 @@ pub struct Preset {
     pub values: Value,
 }
 
-/// Facts on a plugin, the same for every kind.
+/// Facts about a plugin, the same for every kind.
 pub struct About {
     /// Description in one line.
     pub about: &'static str,
@@ -51,14 +51,14 @@ pub struct About {
 }
 
 impl About {
-    /// Keys of the config that concern observation of the plugin only, and no event in it: those that the schema marks
-    /// with `x-looks`. They belong to a trial's identity and not to its random streams.
+    /// Keys of the config that only concern the observation of the plugin, and no event in it: those that the schema
+    /// marks with `x-looks`. They are part of a trial's identity but not of its random streams.
     pub fn looking_keys(&self) -> impl Iterator<Item = &str> {
         self.marked("x-looks", true)
     }
 
-    /// Keys of the config that say where it is computed: those that the schema marks with `x-identity: false`. They
-    /// belong neither to a trial's identity nor to its random streams.
+    /// Keys of the config that only decide where it is computed: those that the schema marks with `x-identity: false`.
+    /// They are part of neither a trial's identity nor its random streams.
     pub fn machine_keys(&self) -> impl Iterator<Item = &str> {
         self.marked("x-identity", false)
     }
@@ -81,6 +81,6 @@ impl About {
     }
 }
 
-/// Makes a complete config, or refuses what is given.
+/// Makes a complete config from the given one, or refuses it.
 pub type Resolve<Given = Value> =
     Box<dyn Fn(&Given) -> Result<CompleteConfig, serde_json::Error> + Send + Sync>;

@@ -5,21 +5,21 @@ use std::path::Path;
 
 /// A form of policy files that can be written for other runtimes.
 pub struct PolicyForm {
-    /// Name of the form, as messages and properties say it.
+    /// Name of the form in messages and properties.
     pub name: &'static str,
-    /// Reads the policies in a folder that holds `policy.safetensors`; `None` where it is of another form.
+    /// Reads the policies in a folder that contains `policy.safetensors`; `None` if they have another form.
     pub read: ReadPolicies,
 }
 
 /// Reads the policies of one form from a folder.
 ///
 /// # Errors
-/// Where the file cannot be read, or is of this form and not whole.
+/// The file cannot be read, or has this form but is incomplete.
 pub type ReadPolicies = fn(&Path) -> Result<Option<Vec<PortablePolicy>>, Error>;
 
 /// A policy from observations of one seat to its actions, ready to be written.
 pub struct PortablePolicy {
-    /// The seat, where one file holds the policies of several; else empty.
+    /// The seat, if one file holds the policies of several; otherwise empty.
     pub seat: String,
     /// Names of the entries of the observation, in order.
     pub inputs: Vec<String>,

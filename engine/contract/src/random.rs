@@ -1,8 +1,8 @@
 //! Counter-based random streams.
 //!
-//! Every random number of a trial comes from a named stream. A stream is a `ChaCha8` generator whose key is a
-//! hash of the words that name it, so two streams never share numbers and none of them depends on the order
-//! in which they are opened, on the number of workers or on another trial.
+//! Every random number of a trial comes from a named stream. A stream is a `ChaCha8` generator whose key is a hash of
+//! the words that name it. Two streams therefore never share numbers, and none of them depends on the order in which
+//! they are opened, on the number of workers or on another trial.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -15,7 +15,7 @@ pub type Rng = ChaCha8Rng;
 pub fn stream(words: &[&str]) -> Rng {
     let mut hasher = blake3::Hasher::new();
     for word in words {
-        // The length in front keeps ["ab", "c"] and ["a", "bc"] apart.
+        // The length before each word keeps ["ab", "c"] and ["a", "bc"] apart.
         hasher.update(&(word.len() as u64).to_le_bytes());
         hasher.update(word.as_bytes());
     }
@@ -30,7 +30,7 @@ pub fn rollout(seed: u64) -> Rng {
 
 /// The streams of one trial.
 ///
-/// Streams of the environment depend on the environment and the seed only, never on the agent, so that all agents of a
+/// Streams of the environment depend only on the environment and the seed, never on the agent, so that all agents of a
 /// study meet the same starts and the same demands (common random numbers). Streams of the agent depend on the whole
 /// trial.
 #[derive(Debug, Clone)]

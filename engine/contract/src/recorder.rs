@@ -4,7 +4,7 @@ use crate::{Error, exact};
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, time::Duration};
 
-/// Which part of a trial a row belongs to.
+/// Part of a trial to which a row belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Phase {
@@ -39,7 +39,7 @@ impl Phase {
 pub struct Row {
     /// Part of the trial.
     pub phase: Phase,
-    /// Environment steps (all environments together) or examples seen when it was recorded; in a trace, the
+    /// Environment steps (all environments together) or examples seen at the time of recording; in a trace, the
     /// decision.
     pub step: u64,
     /// Episode inside the measurement, from 0.
@@ -63,8 +63,8 @@ pub struct Recorder {
     deciding: DecisionTime,
 }
 
-/// Time that the agent took for the decisions of the final measurement, of those made in this process: a measurement of
-/// the machine, which is no row.
+/// Time that the agent took for those decisions of the final measurement that were made in this process. It is a
+/// measurement of the machine, and no row.
 #[derive(Debug, Clone, Copy, Default)]
 struct DecisionTime {
     decisions: usize,
@@ -87,7 +87,7 @@ struct Mean {
 }
 
 impl Recorder {
-    /// A recorder that goes on where another one was.
+    /// A recorder that continues another one.
     #[must_use]
     pub fn resumed(names: Vec<String>, rows: Vec<Row>, running: Running) -> Self {
         let not_finite = rows.iter().position(|row| !row.value.is_finite());
@@ -116,7 +116,7 @@ impl Recorder {
         });
     }
 
-    /// The rows from a place on as a record of their own.
+    /// The rows from a place on, as a record of their own.
     #[must_use]
     pub fn since(&self, place: usize) -> Self {
         let mut record = Self::default();
@@ -172,7 +172,7 @@ impl Recorder {
         }
     }
 
-    /// Records the running means at `step` and starts them anew.
+    /// Records the running means at `step` and restarts them.
     pub fn flush_means(&mut self, step: u64) {
         for (metric, Mean { sum, count }) in std::mem::take(&mut self.running.means) {
             #[allow(clippy::cast_precision_loss, reason = "a count of updates is far below 2^52")]
@@ -180,11 +180,11 @@ impl Recorder {
         }
     }
 
-    /// Refuses a record that holds a number which is not finite, from any plugin: its means would not be finite either.
+    /// Refuses a record with a number that is not finite, whichever plugin recorded it: its means would not be finite
+    /// either.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] for the first such row, and [`Error::Config`] for more metrics than rows can tell
-    /// apart.
+    /// [`Error::NotFinite`] for the first such row, and [`Error::Config`] for more metrics than rows can number.
     pub fn all_finite(&self) -> Result<(), Error> {
         if self.names.len() > MOST_METRICS {
             let problem = format!("a trial records at most {MOST_METRICS} metrics");
@@ -211,7 +211,7 @@ impl Recorder {
         self.deciding.time += time;
     }
 
-    /// Mean time of a decision in the final measurement, in seconds; `None` where none was made.
+    /// Mean time of a decision in the final measurement, in seconds; `None` if none was made.
     #[must_use]
     #[allow(
         clippy::cast_precision_loss,
@@ -241,10 +241,10 @@ impl Recorder {
     }
 }
 
-/// Most metrics of a trial: rows name them by a number.
+/// Largest number of metrics of a trial, since rows refer to them by number.
 pub const MOST_METRICS: usize = u16::MAX as usize;
 
-/// Index of a name in a list of names, which grows by it where it is new.
+/// Index of a name in a list of names; a new name is appended.
 pub fn intern(names: &mut Vec<String>, name: &str) -> u16 {
     let index = names.iter().position(|known| known == name).unwrap_or_else(|| {
         names.push(name.into());

@@ -1,8 +1,8 @@
-//! The one door for plugins: names, typed configs, constructors.
+//! The single interface through which plugins are registered: names, typed configs, constructors.
 //!
-//! A plugin's config is a plain struct with `Default`, serde and a JSON Schema. The registry erases the type
-//! once, so the engine can fill in defaults, refuse typos, print parameters and build the plugin without ever
-//! naming its type. A [`CompleteConfig`] carries the struct that it was read as to everything that is built from it.
+//! A plugin's config is a plain struct with `Default`, serde and a JSON Schema. The registry erases the type once, so
+//! the engine can fill in defaults, refuse unknown keys, print parameters and build the plugin without naming its type.
+//! A [`CompleteConfig`] carries the struct that it was read as to everything that is built from it.
 
 use crate::{
     Agent, Environment, Error, Feed, Interface, Metric, Protocol, Rng,
@@ -19,11 +19,11 @@ use std::{
     collections::{BTreeMap, HashMap},
 };
 
-/// As [`Resolve`], for an agent that trains itself, by how it is measured.
+/// Like [`Resolve`], for an agent that trains itself, with the way in which it is measured.
 pub type ResolveOwn =
     Box<dyn Fn(&CompleteConfig, Option<Measured>) -> Result<CompleteConfig, serde_json::Error> + Send + Sync>;
-/// Whether an agent whose code is not this program's own learns, and the metrics that it records, by its config. The
-/// config may be one that is refused elsewhere.
+/// Whether an agent whose code is not part of this program learns, and the metrics that it records, according to its
+/// config. The config may be one that is refused elsewhere.
 pub type ByConfig = fn(&Value) -> (bool, Vec<Metric>);
 type Build<T> = Box<dyn Fn(&CompleteConfig) -> Result<Box<T>, Error> + Send + Sync>;
 type BuildAgent =
@@ -35,12 +35,13 @@ pub struct EnvironmentEntry {
     pub about: About,
     /// Makes it from a resolved config.
     pub build: Build<dyn Environment>,
-    /// Names of the environment of a config elsewhere, by key, for agents that train themselves.
+    /// Names in other programs of the environment with a config, by key, for agents that train themselves.
     pub names: fn(&Value) -> Vec<(&'static str, String)>,
 }
 
 impl EnvironmentEntry {
-    /// A config of the environment, with its names in other programs where no key of its own has the name.
+    /// A config of the environment, to which its names in other programs are added unless one of its own keys has that
+    /// name.
     #[must_use]
     pub fn named(&self, config: &Value) -> Value {
         let mut named = config.clone();
@@ -57,7 +58,7 @@ impl EnvironmentEntry {
 pub struct AgentEntry {
     /// Description, defaults and schema.
     pub about: About,
-    /// Facts that its registration gives besides the constructor.
+    /// Facts that its registration gives in addition to the constructor.
     pub traits: AgentTraits,
     /// Makes it from a resolved config for the seats of an environment.
     pub build: BuildAgent,
@@ -85,15 +86,15 @@ pub struct ProtocolEntry {
     pub about: About,
     /// Makes it from a resolved config.
     pub build: Build<dyn Protocol>,
-    /// The config for an agent that does not learn: measurements alone, at the steps at which learning agents are
-    /// measured, so that its trials do not depend on the rest of a training budget.
+    /// The config for an agent that does not learn. It only measures, at the steps at which learning agents are
+    /// measured, so that the trials of the agent do not depend on the rest of a training budget.
     pub without_training: Resolve<CompleteConfig>,
-    /// The config for an agent that trains itself: its steps, and the steps between measurements. `None` where the
+    /// The config for an agent that trains itself: its steps, and the steps between measurements. `None` if the
     /// protocol has no form for such agents.
     pub own_training: Option<ResolveOwn>,
 }
 
-/// Raised whenever a change in the engine changes the numbers of trials, whichever protocol runs them.
+/// Raised whenever a change in the engine changes the numbers of trials under any protocol.
 pub const NUMERICS_VERSION: u32 = 1;
 
 /// All plugins by name.
@@ -104,17 +105,17 @@ pub struct Registry {
     pub agents: BTreeMap<&'static str, AgentEntry>,
     /// Protocols by name.
     pub protocols: BTreeMap<&'static str, ProtocolEntry>,
-    /// Makes the part of a trial's key for a protocol that measures so many whole episodes of policies that no longer
-    /// learn.
+    /// Makes the part of a trial's key for a protocol that measures this number of whole episodes of policies that no
+    /// longer learn.
     pub measuring: Option<fn(u64) -> Part>,
     /// Forms of policies that can be written for other runtimes, by name.
     pub policy_forms: BTreeMap<&'static str, PolicyForm>,
     /// Raised whenever numerical code that plugins share changes the numbers of trials: the engine's own
     /// [`NUMERICS_VERSION`], and that of every crate that [`shares`](Self::shares) with several plugins.
     pub numerics_version: u32,
-    /// The source code that the program was built from; `None` where that is unknown.
+    /// The source code from which the program was built; `None` if that is unknown.
     pub build: Option<crate::Build>,
-    /// Environment and agent of the study that `new` writes where the command names neither.
+    /// Environment and agent of the study that `new` writes if the command names neither.
     pub first_study: Option<(&'static str, &'static str)>,
     /// Begins the study that `new --from` writes.
     pub draft: Option<crate::draft::BeginDraft>,
@@ -126,17 +127,17 @@ pub struct Registry {
 #[derive(Default)]
 pub struct Extensions(HashMap<TypeId, Vec<Box<dyn Any + Send + Sync>>>);
 
-/// Facts that the registration of an agent gives besides the constructor.
+/// Facts that the registration of an agent gives in addition to the constructor.
 #[derive(Debug, Clone, Default)]
 pub struct AgentTraits {
     /// Things that the agent learns from; none for rules.
     pub learns_from: Vec<Feed>,
     /// Metrics that `learn` records, and that measurements record of the agent's decisions.
     pub metrics: Vec<Metric>,
-    /// Whether the agent trains itself, as [`Agent::own_training`] does.
+    /// Whether the agent trains itself, see [`Agent::own_training`].
     pub trains_itself: bool,
-    /// For code that is not this program's own: reads from a config whether it learns, and its metrics.
-    /// `learns_from` is then of those that learn.
+    /// For code that is not part of this program: reads from a config whether it learns, and its metrics. `learns_from`
+    /// then applies to the agents that learn.
     pub by_config: Option<ByConfig>,
 }
 
@@ -193,13 +194,13 @@ impl Registry {
             .unwrap_or_default()
     }
 
-    /// Takes in the version of a crate of numerical code that several plugins share. Versions only rise, so
-    /// that raising any of them gives trials another id.
+    /// Includes the version of a crate of numerical code that several plugins share. Versions only rise, so that
+    /// raising any of them changes the ids of trials.
     pub fn shares(&mut self, version: u32) {
         self.numerics_version += version;
     }
 
-    /// Registers an entry of a type that the crates above the contract know, as a kind of figures.
+    /// Registers an entry of a type that the crates above the contract know, such as a kind of figures.
     pub fn extend<T: Any + Send + Sync>(&mut self, entry: T) {
         let all = self.extensions.0.entry(TypeId::of::<T>()).or_default();
         all.push(Box::new(entry));
@@ -214,7 +215,7 @@ impl Registry {
     /// Registers an environment.
     ///
     /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
+    /// If the name is taken: a mistake in the program, found by every test.
     pub fn environment<C: Config>(
         &mut self,
         name: &'static str,
@@ -236,7 +237,7 @@ impl Registry {
     /// Registers an agent.
     ///
     /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
+    /// If the name is taken: a mistake in the program, found by every test.
     pub fn agent<C: Config>(
         &mut self,
         name: &'static str,
@@ -262,10 +263,10 @@ impl Registry {
         );
     }
 
-    /// Registers a protocol. `without_training` is the config that an agent which does not learn gets.
+    /// Registers a protocol. `without_training` gives the config for an agent that does not learn.
     ///
     /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
+    /// If the name is taken: a mistake in the program, found by every test.
     pub fn protocol<C: Config>(
         &mut self,
         name: &'static str,
@@ -306,7 +307,7 @@ impl Registry {
     /// Registers a form of policy files, so that `export` can write policies of it for other runtimes.
     ///
     /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
+    /// If the name is taken: a mistake in the program, found by every test.
     pub fn policy_form(&mut self, name: &'static str, read: ReadPolicies) {
         assert!(
             self.policy_forms
@@ -336,8 +337,8 @@ fn describe<C: Config>(version: u32, about: &'static str) -> About {
     About {
         about,
         version,
-        // A config is a struct of numbers, words and lists with a default; serde_json refuses only maps with
-        // odd keys.
+        // A config is a struct of numbers, strings and lists with a default; serde_json refuses only maps with unusual
+        // keys.
         defaults: CompleteConfig::of(C::default()).expect("a config serialises"),
         schema: schemars::schema_for!(C),
         presets: C::presets(),

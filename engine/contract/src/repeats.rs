@@ -4,35 +4,35 @@ use crate::{Phase, recorder::Row};
 use document::count::count;
 use serde::{Deserialize, Serialize};
 
-/// How the values of two runs with one seed compare.
+/// Comparison of the values of two runs with one seed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Repeats {
-    /// Every bit of so many values is the same.
+    /// Every bit of this number of values is the same.
     ToTheBit(usize),
     /// They differ by less than ten to this power, relative to the larger value.
     Within(i32),
-    /// They differ by more, or stand at other steps.
+    /// They differ by more, or were recorded at other steps.
     Not,
-    /// The reason that it is unknown.
+    /// The reason why the result is unknown.
     Unknown(String),
 }
 
 /// The rows of a run with the names of their metrics.
 #[derive(Debug, Clone, Copy)]
 pub struct Recorded<'a> {
-    /// Names that the rows point into.
+    /// Names to which the rows refer by index.
     pub names: &'a [String],
     /// Rows of the run.
     pub rows: &'a [Row],
 }
 
-/// Power of ten above which a relative difference comes from more than the order of sums.
+/// Largest power of ten for which a relative difference may come from the order of sums alone.
 const LARGEST_POWER: i32 = -3;
 
 impl Repeats {
-    /// Compares two runs up to a step, without the measurements at their ends. Only one of them may have gone further,
-    /// and metrics that only one of them has are passed over.
+    /// Compares two runs up to a step, without the measurements at their ends. One of them may have gone further, and
+    /// metrics that only one of them has are skipped.
     #[must_use]
     pub fn of(one: Recorded<'_>, other: Recorded<'_>, until: Option<u64>) -> Self {
         let (one, other) = (one.until(until, other.names), other.until(until, one.names));
@@ -60,7 +60,7 @@ impl Repeats {
         }
     }
 
-    /// In words, as `repeats to the bit (34 values)`.
+    /// The result as text, such as `repeats to the bit (34 values)`.
     #[must_use]
     pub fn in_words(&self) -> String {
         match self {
@@ -76,7 +76,7 @@ impl Repeats {
 type ValueKey<'a> = (Phase, u64, u64, &'a str);
 
 impl<'a> Recorded<'a> {
-    /// The values up to a step of metrics that others have too, each with its place.
+    /// The values up to a step of metrics that both runs have, each with its place.
     fn until(self, until: Option<u64>, known: &[String]) -> Vec<(ValueKey<'a>, f64)> {
         let name = |row: &Row| self.names.get(usize::from(row.metric)).map_or("", String::as_str);
         let counts = |row: &&Row| row.phase != Phase::Final && until.is_none_or(|until| row.step <= until);
@@ -87,7 +87,7 @@ impl<'a> Recorded<'a> {
     }
 }
 
-/// The smallest power of ten that is no less than a difference, and no smaller than numbers can differ by.
+/// The smallest power of ten that is at least a difference, and at least the resolution of numbers.
 #[allow(
     clippy::cast_possible_truncation,
     reason = "a logarithm of a number between 1e-15 and 2"

@@ -1,24 +1,24 @@
-//! Cores and graphics cards: the needs of a trial, the capacity of a machine, and how the trials of a machine share it.
+//! Cores and graphics cards: the needs of a trial, the capacity of a machine, and its division among trials.
 //!
-//! A trial has one core and no card of its own, unless its agent is a program that says otherwise. No resource is part
-//! of a trial's id: they decide when and where a trial runs.
+//! A trial has one core and no card of its own, unless its agent is a program that asks for other resources. Resources
+//! are not part of a trial's id: they only decide when and where a trial runs.
 
 use crate::Error;
 use document::count::count;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The key of an agent that trains itself under which it names the needs of a trial.
+/// The key under which an agent that trains itself declares the needs of a trial.
 pub(crate) const NEEDS: &str = "needs";
 
-/// A card, in the thousandths by which cards are shared.
+/// Number of units in which a card is shared.
 const CARD: u32 = 1000;
 
 /// The cores and graphics cards that a trial needs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Needs {
-    /// Cores, and the value of `OMP_NUM_THREADS` and its like.
+    /// Number of cores, and the value of `OMP_NUM_THREADS` and similar variables.
     #[schemars(range(min = 1, max = 65536))]
     pub cores: u32,
     /// Graphics cards: a whole number, or a share of one as 0.25, to a thousandth. `CUDA_VISIBLE_DEVICES` names those
@@ -63,7 +63,7 @@ impl Needs {
         (self.gpus.unwrap_or_default() * f64::from(CARD)).round() as u32
     }
 
-    /// In words, as `4 cores and 1 GPU`.
+    /// The needs as text, such as `4 cores and 1 GPU`.
     #[must_use]
     pub fn in_words(&self) -> String {
         let cores = count(self.cores as usize, "core");
@@ -90,7 +90,7 @@ impl Capacity {
         self.cores >= needs.cores as usize && self.gpus.len() * CARD as usize >= needs.of_cards() as usize
     }
 
-    /// In words, as `2 cores and no GPU`.
+    /// The capacity as text, such as `2 cores and no GPU`.
     #[must_use]
     pub fn in_words(&self) -> String {
         let cores = count(self.cores, "core");
@@ -106,7 +106,7 @@ impl Capacity {
 pub struct Share {
     /// Number of cores that it may use.
     pub cores: u32,
-    /// The cards that it sees; `None` where it sees all cards of the machine.
+    /// The cards that it sees; `None` if it sees all cards of the machine.
     pub gpus: Option<Vec<String>>,
 }
 
@@ -149,7 +149,7 @@ impl Pool {
         self.cores == 0
     }
 
-    /// Takes the share that a trial needs; `None` where it is not free.
+    /// Takes the share that a trial needs; `None` if it is not free.
     pub fn take(&mut self, needs: &Needs) -> Option<Share> {
         let cards = self.free_cards(needs)?;
         self.cores = self.cores.checked_sub(needs.cores as usize)?;
@@ -166,7 +166,7 @@ impl Pool {
         })
     }
 
-    /// Gives back the share of a trial.
+    /// Returns the share of a trial.
     pub fn give_back(&mut self, needs: &Needs, share: &Share) {
         self.cores += share.cores as usize;
         for (card, name) in self.capacity.gpus.iter().enumerate() {
@@ -176,8 +176,8 @@ impl Pool {
         }
     }
 
-    /// Keeps free for a trial that does not fit now the kind of resource that it lacks, so that smaller trials that
-    /// come after it do not take it again and again.
+    /// Reserves the kind of resource that a trial lacks if it does not fit now, so that smaller trials that come later
+    /// do not take it again and again.
     pub fn reserve(&mut self, needs: &Needs) {
         if self.free_cards(needs).is_none() {
             self.gpus.fill(0);
@@ -187,8 +187,8 @@ impl Pool {
         }
     }
 
-    /// The cards that a trial would be given: free ones, or of those with a large enough rest the one with the
-    /// smallest.
+    /// The cards that a trial would get: free ones for whole cards, or for a share the card with the smallest remainder
+    /// that is large enough.
     fn free_cards(&self, needs: &Needs) -> Option<Vec<usize>> {
         let wanted = needs.of_cards();
         if wanted < CARD {
@@ -274,7 +274,7 @@ mod tests {
     }
 
     proptest! {
-        /// No card and no core is ever given twice, and all are free in the end.
+        /// No card and no core is ever given twice, and all are free at the end.
         #[test]
         fn what_is_given_is_given_back(orders in prop::collection::vec((1u32..4, 0u32..9), 1..60)) {
             let mut pool = pool(6, &["0", "1"]);

@@ -12,21 +12,20 @@ pub const OWN_STEPS: &str = "own_steps";
 /// The metric of studies that define success: 1 for a seed with success, 0 for one without.
 pub const SUCCESS: &str = "success";
 
-/// The metric that every measured episode records once: how many decisions it took.
+/// The metric that every measured episode records once: the number of its decisions.
 pub const EPISODE_LENGTH: &str = "episode_length";
 
-/// The metric that every trial has when results are read: how long it took, in seconds.
+/// The metric that every trial has when results are read: its duration in seconds.
 pub const WALL_TIME: &str = "wall_time";
 
-/// The metric that trials of agents that learn have when results are read: how long they took over the
-/// updates that they made, in seconds.
+/// The metric that trials of agents that learn have when results are read: the seconds of the trial per update.
 pub const TIME_PER_UPDATE: &str = "time_per_update";
 
-/// The metric that trials which measure episodes at their end have when results are read: how long the agent
-/// took for a decision there, in seconds.
+/// The metric that trials which measure episodes at their end have when results are read: the seconds that the agent
+/// took for a decision there.
 pub const TIME_PER_DECISION: &str = "time_per_decision";
 
-/// The sentence that stands wherever a time is shown.
+/// The sentence that is printed wherever a time is shown.
 pub const TIMES_ARE_OF_THE_MACHINE: &str = "Times are measurements of the machine that computed the trials \
                                             and of what else it did; they differ from run to run.";
 
@@ -73,7 +72,7 @@ pub fn time_per_decision_metric() -> Metric {
         .per_episode(PerEpisode::Last)
 }
 
-/// The metric under which a record of means over episodes holds the root of the mean square of another one.
+/// The metric of a record of means over episodes that holds the root of the mean square of another metric.
 #[must_use]
 pub fn root_of_squares(metric: &str) -> String {
     format!("rms({metric})")

@@ -1,10 +1,10 @@
-//! The point of a sweep at which a trial stands.
+//! The point of the sweep that a trial belongs to.
 
 use serde_json::Value;
 use std::{cmp::Ordering, fmt, sync::Arc};
 
-/// Swept keys with their values, in the order of the sweep; none without a sweep. It is told from other points by its
-/// words, `key=value` each.
+/// Swept keys with their values, in the order of the sweep; none without a sweep. Its words, `key=value` each,
+/// distinguish it from other points.
 #[derive(Debug, Clone)]
 pub struct SweepPoint {
     words: Arc<str>,
@@ -16,7 +16,7 @@ pub struct SweepPoint {
 struct Entry {
     /// The whole key, as in `sweep`.
     key: Arc<str>,
-    /// Whether the last word stands for the key in words: no other key of the setting ends with it.
+    /// Whether the last word represents the key in words, which requires that no other key of the setting ends with it.
     is_short: bool,
     value: Value,
 }
@@ -31,7 +31,7 @@ impl Entry {
     }
 }
 
-/// The keys of one setting that a name stands for, by their places.
+/// The keys of one setting that a name refers to, by their places.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum KeyMatch {
     /// No key has the name.
@@ -43,7 +43,7 @@ pub enum KeyMatch {
 }
 
 impl KeyMatch {
-    /// The key whose whole name this is, else the only one that ends with this word.
+    /// The key with this whole name, or else the only one that ends with this word.
     #[must_use]
     pub fn of<'k>(name: &str, keys: impl Iterator<Item = &'k str> + Clone) -> Self {
         if let Some(place) = keys.clone().position(|key| key == name) {
@@ -68,7 +68,7 @@ impl Default for SweepPoint {
 }
 
 impl SweepPoint {
-    /// A point of which the words alone are known.
+    /// A point known only by its words, without keys and values.
     #[must_use]
     pub fn of_words(words: impl Into<Arc<str>>) -> Self {
         Self {
@@ -120,7 +120,7 @@ impl SweepPoint {
         }
     }
 
-    /// The value of the key with this [name](KeyMatch::of); `None` where it is that of no key or of several.
+    /// The value of the key with this [name](KeyMatch::of); `None` if no key or several keys have it.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<&Value> {
         Some(&self.entries[self.place(name)?].value)
@@ -143,7 +143,7 @@ impl SweepPoint {
 }
 
 impl<K: Into<Arc<str>>> FromIterator<(K, Value)> for SweepPoint {
-    /// The point with these whole keys, each of which stands in words as [`names`] calls it.
+    /// The point with these whole keys; [`names`] decides how each appears in words.
     fn from_iter<T: IntoIterator<Item = (K, Value)>>(values: T) -> Self {
         let (keys, values): (Vec<Arc<str>>, Vec<Value>) =
             values.into_iter().map(|(key, value)| (key.into(), value)).unzip();
@@ -183,7 +183,7 @@ pub fn last_word(key: &str) -> &str {
     key.rsplit('.').next().unwrap_or_default()
 }
 
-/// The names of keys that stand side by side: each its last word, or the whole key where that is not unique.
+/// The names of keys that appear side by side: the last word of each, or the whole key if that word is not unique.
 #[must_use]
 pub fn names<'a>(keys: &[&'a str]) -> Vec<&'a str> {
     let is_unique = |word: &str| keys.iter().filter(|key| last_word(key) == word).count() == 1;
@@ -197,7 +197,7 @@ impl fmt::Display for SweepPoint {
     }
 }
 
-/// The words of a setting, `key=value` each. A space inside of quotes ends none.
+/// The words of a setting, `key=value` each. A space inside quotes does not end a word.
 pub fn split_words(words: &str) -> impl Iterator<Item = &str> {
     let (mut is_quoted, mut is_escaped) = (false, false);
     words.split(move |sign: char| {
@@ -220,8 +220,8 @@ pub fn word(value: &Value) -> String {
     }
 }
 
-/// The word of a value that is written as its word or as JSON: `1e-3` and `0.001` are one number, `fast` and `"fast"`
-/// one text.
+/// The word of a value that is written as its word or as JSON: `1e-3` and `0.001` are the same number, `fast` and
+/// `"fast"` the same text.
 #[must_use]
 pub fn as_word(text: &str) -> String {
     serde_json::from_str(text).map_or_else(|_| text.to_owned(), |value| word(&value))

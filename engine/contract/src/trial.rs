@@ -1,5 +1,5 @@
-//! One trial: an environment, an agent, a protocol and a seed, with an identity made of everything that determines its
-//! numbers.
+//! One trial: an environment, an agent, a protocol and a seed, with an identity computed from everything that
+//! determines its numbers.
 
 use crate::{artifact::Taken, cast::Actors, digest, part::Part, sweep_point::SweepPoint};
 use serde::{Deserialize, Serialize};
@@ -32,15 +32,15 @@ mod shared {
 /// Id of a trial from the ids of its environment, agent and protocol.
 #[must_use]
 pub fn trial_id(parts: [&str; 3], seed: u64, numerics: u32) -> String {
-    // The canonical text of `[parts, seed, numerics, "cpu"]`, written at once: a plan has many trials. The last word is a
-    // constant. Earlier versions named the device there, and trials that they stored keep their ids.
+    // The canonical text of `[parts, seed, numerics, "cpu"]`, written directly, since a plan has many trials. The last
+    // word is a constant. Earlier versions wrote the device there, and trials that they stored keep their ids.
     let [environment, agent, protocol] = parts;
     let text = format!(r#"[["{environment}","{agent}","{protocol}",],{seed},{numerics},"cpu",]"#);
     digest::of_bytes(text.as_bytes())
 }
 
-/// Everything that determines the numbers of one trial, and nothing else. Trials of a plan that differ in their
-/// seed alone share the rest.
+/// Everything that determines the numbers of one trial, and nothing else. Trials of a plan that differ only in their
+/// seed share the rest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrialKey {
     /// Environment with its complete config.
@@ -59,7 +59,7 @@ pub struct TrialKey {
 }
 
 impl TrialKey {
-    /// The same with another seed.
+    /// The same key with another seed.
     #[must_use]
     pub fn with_seed(&self, seed: u64) -> Self {
         Self { seed, ..self.clone() }
@@ -98,7 +98,7 @@ impl TrialKey {
         all
     }
 
-    /// Data files that the configs name, without a `./` before them, with the hashes of their content.
+    /// Data files that the configs name, without a leading `./`, with the hashes of their content.
     pub fn data_files(&self) -> Vec<(&Path, &str)> {
         let parts = [&*self.environment, &*self.protocol]
             .into_iter()
@@ -124,8 +124,8 @@ impl TrialKey {
             }
     }
 
-    /// Of these, the artifacts that the trial itself names: a cast takes policies, and the artifacts behind their
-    /// agents belong to their own trials.
+    /// The subset of [`taken`](Self::taken) that the trial itself names: a cast takes policies, and the artifacts
+    /// behind their agents belong to their own trials.
     #[must_use]
     pub fn taken_by_name(&self) -> Vec<Taken> {
         match self.agent.cast() {
@@ -162,8 +162,7 @@ impl TrialKey {
     }
 }
 
-/// A trial of a study: its key and the names under which tables and figures speak of it. A worker is sent the id and
-/// the key alone.
+/// A trial of a study: its key and its names in tables and figures. A worker receives only the id and the key.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
     /// Hash of `key`, as 32 hexadecimal digits.
@@ -219,7 +218,7 @@ impl From<Combination> for TrialCell {
 }
 
 impl Combination {
-    /// A combination at a point of which the words alone are known; no words without a sweep.
+    /// A combination at a point known only by its words; without a sweep they are empty.
     #[must_use]
     pub fn of_words(environment: &str, agent: &str, words: &str) -> Self {
         Self {
@@ -231,7 +230,7 @@ impl Combination {
 }
 
 impl TrialCell {
-    /// An environment and an agent that no sweep concerns.
+    /// An environment and an agent that no sweep affects.
     #[must_use]
     pub fn of(environment: impl Into<String>, agent: impl Into<String>) -> Self {
         let combination = Combination {
@@ -246,17 +245,17 @@ impl TrialCell {
 /// The purpose of a trial in its study.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum Purpose {
-    /// It is one of a combination of environment, agent and setting, which tables, figures and claims show.
+    /// It belongs to a combination of environment, agent and setting, which tables, figures and claims show.
     #[default]
     Cell,
-    /// It leaves artifacts that other trials take: an entry of the section `prepare`, whose name takes the place of the
+    /// It leaves artifacts that other trials take: an entry of the section `prepare`, whose name replaces that of the
     /// environment.
     Prepared,
     /// It measures a setting for the search with this name.
     Tried(String),
-    /// It is an encounter of a play, whose name takes the place of the environment; the agents by role.
+    /// It is an encounter of a play, whose name replaces that of the environment; holds the agents by role.
     Play(BTreeMap<String, String>),
-    /// It is a run of another program, which tables, figures and claims show beside our own.
+    /// It is a run of another program, which tables, figures and claims show beside the study's own trials.
     Imported,
 }
 
@@ -269,12 +268,12 @@ impl Purpose {
 }
 
 impl Trial {
-    /// Place of the trial in the study, to be changed for this trial alone.
+    /// Place of the trial in the study, for a modification of this trial alone.
     pub fn cell_mut(&mut self) -> &mut TrialCell {
         Arc::make_mut(&mut self.cell)
     }
 
-    /// Environment, agent, setting and seed in words.
+    /// Environment, agent, setting and seed as text.
     #[must_use]
     pub fn title(&self) -> String {
         let setting = if self.cell.point.is_empty() {

@@ -1,10 +1,10 @@
-//! How a trial ended.
+//! End of a trial.
 
 use document::plain_text::read_brief;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How a trial ended.
+/// State in which a trial ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EndState {
@@ -22,14 +22,14 @@ pub enum EndState {
     Nan,
     /// The worker process was killed from outside.
     Killed,
-    /// It has come to a pause of a search, and its record up to there is stored. It has not ended, and no limit names
-    /// this state.
+    /// It has reached a pause of a search, and its record up to there is stored. It has not ended, and `retry_on`
+    /// cannot name this state.
     #[schemars(skip)]
     Paused,
 }
 
 impl EndState {
-    /// Every state in which a trial has ended, but `ok`.
+    /// Every state in which a trial has ended, except `ok`.
     pub const FAILURES: [EndState; 6] = [
         EndState::Failed,
         EndState::Panicked,
@@ -60,19 +60,19 @@ impl EndState {
 pub struct TrialEnd {
     /// State in which it ended.
     pub state: EndState,
-    /// Reason for every state but `ok`; one line.
+    /// Reason for every state except `ok`; one line.
     #[serde(deserialize_with = "read_brief")]
     pub reason: String,
     /// Wall-clock time of the trial, in seconds.
     pub wall_s: f64,
-    /// Mean wall-clock time of a decision of the final measurement, in seconds; `None` where none was made.
+    /// Mean wall-clock time of a decision of the final measurement, in seconds; `None` if none was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decision_s: Option<f64>,
-    /// Name of the device on which the run computed learners, for many trials at once, so that `wall_s` tells nothing of a
-    /// processor; `None` for processors alone, and where the trial did not end `ok`.
+    /// Name of the device on which the run computed the learners of many trials at once, in which case `wall_s` says
+    /// nothing about a processor; `None` for processors alone, and if the trial did not end `ok`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub device: Option<String>,
-    /// Hash of the metrics file, empty where there is none.
+    /// Hash of the metrics file; empty if there is none.
     pub digest: String,
 }
 

@@ -15,18 +15,18 @@ use std::{collections::BTreeMap, sync::Arc};
 /// One trial of a study with its record.
 #[derive(Debug, Clone)]
 pub struct TrialResult {
-    /// The trial, which the plan has as well.
+    /// The trial, shared with the plan.
     pub trial: Arc<Trial>,
-    /// How it ended; `None` where it has not run.
+    /// Its end; `None` if it has not run.
     pub end: Option<Box<TrialEnd>>,
-    /// Metric names that `rows` point into; trials with the same ones share them.
+    /// Metric names to which `rows` refer by index; trials with the same names share them.
     pub names: Arc<Vec<String>>,
     /// Recorded rows; empty unless it ended `ok`.
     pub rows: Vec<Row>,
 }
 
 impl TrialResult {
-    /// The trial, to be changed for this result alone.
+    /// The trial, for a modification of this result alone.
     pub fn trial_mut(&mut self) -> &mut Trial {
         Arc::make_mut(&mut self.trial)
     }
@@ -60,8 +60,7 @@ impl TrialResult {
         self.end.as_deref().is_some_and(|end| end.state == EndState::Ok)
     }
 
-    /// Number of updates that the agent had made at the end; `None` where it does not learn, and where nothing was
-    /// recorded.
+    /// Number of updates that the agent had made at the end; `None` if it does not learn, or if nothing was recorded.
     #[must_use]
     pub fn updates(&self) -> Option<f64> {
         self.select(Phase::Final, UPDATES).last().map(|row| row.value)
@@ -73,7 +72,7 @@ impl TrialResult {
         self.updates().is_some() || self.select(Phase::Final, OWN_STEPS).next().is_some()
     }
 
-    /// Whether the trial was a success; `None` where the study does not define success, and where nothing was recorded.
+    /// Whether the trial was a success; `None` if the study does not define success, or if nothing was recorded.
     #[must_use]
     pub fn succeeded(&self) -> Option<bool> {
         self.mean(Phase::Final, SUCCESS).map(|share| share > 0.5)
@@ -89,9 +88,9 @@ impl TrialResult {
         self.add(SUCCESS, f64::from(u8::from(success.holds(value))), last);
     }
 
-    /// Adds the metrics [`WALL_TIME`], [`TIME_PER_UPDATE`] where the agent made updates, and
-    /// [`TIME_PER_DECISION`] where it made decisions at the end, from how the trial ended. They are measurements
-    /// of the machine: no trial records them, and its numbers do not depend on them.
+    /// Adds the metrics [`WALL_TIME`], [`TIME_PER_UPDATE`] if the agent made updates, and [`TIME_PER_DECISION`] if it
+    /// made decisions at the end, from the end of the trial. They are measurements of the machine: no trial records
+    /// them, and its numbers do not depend on them.
     pub fn add_times(&mut self) {
         let Some(end) = self.end.as_deref().filter(|_| self.is_ok()) else {
             return;
@@ -137,7 +136,7 @@ impl TrialResult {
             .filter(move |row| row.phase == phase && Some(usize::from(row.metric)) == index)
     }
 
-    /// Mean of a metric over the episodes (and seats) of a phase; `None` where nothing was recorded.
+    /// Mean of a metric over the episodes (and seats) of a phase; `None` if nothing was recorded.
     #[must_use]
     pub fn mean(&self, phase: Phase, metric: &str) -> Option<f64> {
         let (sum, count) = self
@@ -146,7 +145,7 @@ impl TrialResult {
         (count > 0).then(|| sum / f64::from(count))
     }
 
-    /// Mean of a metric over the episodes of the measurement at a step while learning; `None` where it was not made.
+    /// Mean of a metric over the episodes of the measurement at a step during learning; `None` if it was not made.
     #[must_use]
     pub fn measured_at(&self, metric: &str, step: u64) -> Option<f64> {
         let curve = self.curve(Phase::Evaluate, metric);
@@ -156,8 +155,8 @@ impl TrialResult {
             .map(|(_, value)| value)
     }
 
-    /// Root of the mean square of a metric over the episodes (and seats) of a phase; `None` where nothing was
-    /// recorded. A record that holds means over episodes has it as a metric of its own.
+    /// Root of the mean square of a metric over the episodes (and seats) of a phase; `None` if nothing was recorded. In
+    /// a record of means over episodes it is a metric of its own.
     #[must_use]
     pub fn root_mean_square(&self, phase: Phase, metric: &str) -> Option<f64> {
         let recorded = root_of_squares(metric);
@@ -170,8 +169,8 @@ impl TrialResult {
         (count > 0).then(|| (sum / f64::from(count)).sqrt())
     }
 
-    /// The metric while learning, at each step: as it was measured; or as the agent recorded it, where it was
-    /// never measured (a loss, a temperature).
+    /// The metric during learning, at each step: the measured values, or those that the agent recorded if it was never
+    /// measured (a loss, a temperature).
     #[must_use]
     pub fn while_learning(&self, metric: &str) -> Vec<(u64, f64)> {
         let measured = self.curve(Phase::Evaluate, metric);
@@ -197,7 +196,8 @@ impl TrialResult {
     }
 }
 
-/// The criterion by which a seed counts as a success, for outcomes of two kinds: a mean over both describes neither.
+/// The criterion by which a seed counts as a success, for outcomes of two kinds, which a mean over both would not
+/// describe.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Success {

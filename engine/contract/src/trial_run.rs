@@ -1,4 +1,4 @@
-//! How a trial runs: its parts are built from a registry, and its protocol is run.
+//! Running a trial: its parts are built from a registry, and its protocol is run.
 
 use crate::{
     Agent, Error, Interface, Keeper, Recorder, Registry,
@@ -13,10 +13,10 @@ use serde_json::Value;
 use std::{collections::BTreeMap, path::Path};
 
 impl TrialKey {
-    /// As [`run_after`](Self::run_after), for a trial that takes no artifact from another one.
+    /// Like [`run_after`](Self::run_after), for a trial that takes no artifact from another one.
     ///
     /// # Errors
-    /// As there, and [`Error::Source`] for a trial that takes artifacts.
+    /// The errors of that function, and [`Error::Source`] for a trial that takes artifacts.
     pub fn run(
         &self,
         registry: &Registry,
@@ -28,12 +28,12 @@ impl TrialKey {
     }
 
     /// Builds the parts and runs the protocol from the state that `keeper` has of this trial, or from the start;
-    /// `progress` gets steps done and steps in all. `find` looks up artifacts of other trials; artifacts of this one go
-    /// into `folder`.
+    /// `progress` receives the steps done and the total steps. `find` looks up artifacts of other trials; artifacts of
+    /// this one go into `folder`.
     ///
     /// # Errors
     /// Errors of plugins, [`Error::Source`] for an artifact of another trial that cannot be used, and
-    /// [`Error::Stopped`] where `keeper` asked the trial to stop.
+    /// [`Error::Stopped`] if `keeper` asked the trial to stop.
     pub fn run_after(
         &self,
         registry: &Registry,
@@ -44,8 +44,7 @@ impl TrialKey {
     ) -> Result<Recorder, Error> {
         loop {
             match self.attempt(registry, find, folder, progress, keeper) {
-                // The checkpoint of the trial does not fit it: the next attempt takes up an older one or
-                // begins anew.
+                // The checkpoint of the trial does not fit it: the next attempt loads an older one or starts again.
                 Err(Error::Checkpoint { .. }) if keeper.refuse() => {}
                 outcome => return outcome,
             }
@@ -70,7 +69,7 @@ impl TrialKey {
             &self.environment.stream_id(&environment.about),
             self.seed,
         );
-        // It stays until the trial ends, and with it the data that the environments of a trial share.
+        // It is kept until the trial ends, and with it the data that the environments of a trial share.
         let first_environment = make_environment()?;
         let interface = first_environment.interface();
         let agent = self.build_agent(registry, &interface, &streams, find)?;
@@ -100,7 +99,7 @@ impl TrialKey {
         Ok(run.record)
     }
 
-    /// The task of an agent that trains itself; the protocol adds for how long.
+    /// The task of an agent that trains itself; the protocol adds its length.
     fn assignment(&self, environment: Value) -> Assignment {
         Assignment {
             trial: self.id(),
@@ -127,7 +126,7 @@ impl TrialKey {
         }
     }
 
-    /// The agent or the policies, freshly made; `find` as in [`run_after`](Self::run_after).
+    /// The agent or the policies, newly made; `find` as in [`run_after`](Self::run_after).
     ///
     /// # Errors
     /// The error of the constructor, and [`Error::Source`] for an artifact that cannot be used.

@@ -1,4 +1,4 @@
-//! Numbers of things in words.
+//! Numbers of things as text.
 
 use std::fmt::Display;
 
@@ -13,7 +13,7 @@ pub fn either<N: PartialEq + From<u8>>(number: &N, one: &'static str, several: &
     if *number == N::from(1) { one } else { several }
 }
 
-/// A time in the unit that suits it.
+/// A duration as text, in the unit that suits it.
 #[must_use]
 pub fn duration(seconds: f64) -> String {
     match seconds {

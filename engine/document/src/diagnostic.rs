@@ -1,7 +1,6 @@
-//! Mistakes in a study: message, place, and advice.
+//! Mistakes in a study: message, position, and advice.
 //!
-//! A [`Diagnostic`] carries the text of the lines it points at, so it can be shown without the file it came
-//! from.
+//! A [`Diagnostic`] carries the text of the lines that it refers to, so that it can be shown without the original file.
 
 use crate::{
     lookalikes,
@@ -12,7 +11,7 @@ use serde::Serialize;
 use std::{fmt::Write, path::Path};
 use unicode_width::UnicodeWidthChar;
 
-/// A stretch of characters on one line of one source.
+/// A range of characters on one line of one source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub struct Span {
     /// Index into [`Sources`].
@@ -25,7 +24,7 @@ pub struct Span {
     pub length: usize,
 }
 
-/// The texts that spans point into: the study's file, and the words of the command line.
+/// The texts to which spans refer: the study's file, and the words of the command line.
 #[derive(Debug, Clone, Default)]
 pub struct Sources {
     sources: Vec<SourceText>,
@@ -35,7 +34,7 @@ pub struct Sources {
 struct SourceText {
     name: String,
     text: String,
-    /// Where each line begins.
+    /// Byte offsets of the beginnings of lines.
     starts: Vec<usize>,
     numbered: bool,
     /// Whether messages quote no text of it.
@@ -43,7 +42,7 @@ struct SourceText {
 }
 
 impl SourceText {
-    /// A line, counted from 1; empty where there is none.
+    /// A line, counted from 1; empty if there is none.
     fn line(&self, number: usize) -> &str {
         let start = number.checked_sub(1).and_then(|index| self.starts.get(index));
         let rest = start
@@ -54,8 +53,8 @@ impl SourceText {
 }
 
 impl Sources {
-    /// Adds a file under the name that messages show, its path; returns its index. The text of a file that is not the
-    /// study's is not kept.
+    /// Adds a file under the name that messages show, its path; returns its index. The text of a file outside the
+    /// study's folder is not kept.
     pub fn add_file(&mut self, name: &str, text: &str) -> usize {
         let is_foreign = reach::is_foreign(Path::new(name));
         let index = self.add(name, if is_foreign { "" } else { text }, true);
@@ -97,7 +96,7 @@ impl Sources {
     }
 
     /// A letter in the text of a span that looks like another one. In longer texts, which are sentences, dashes and
-    /// curly quotation marks are meant.
+    /// curly quotation marks are taken to be intended.
     fn lookalike(&self, span: Span) -> Option<(String, TextLocation)> {
         const LONGEST: usize = 60;
         let source = self.sources.get(span.source).filter(|_| span.length <= LONGEST)?;
@@ -112,13 +111,13 @@ impl Sources {
         Some((found.sentence(), self.place(at)))
     }
 
-    /// As [`error`](Self::error), of a setting that can be run and is probably not meant.
+    /// Like [`error`](Self::error), for a setting that can be run but is probably not intended.
     #[must_use]
     pub fn warning(&self, span: Span, path: &str, message: impl Into<String>) -> Diagnostic {
         self.error(span, path, message).as_warning()
     }
 
-    /// The place of a span, with the text of its line.
+    /// The position of a span, with the text of its line.
     #[must_use]
     pub fn place(&self, span: Span) -> TextLocation {
         let source = self.sources.get(span.source);
@@ -137,8 +136,8 @@ impl Sources {
     }
 }
 
-/// A line, or the part of a long one around a column, with the number of characters in front of that part: no message
-/// holds a line of unlimited length.
+/// A line, or the part of a long one around a column, with the number of characters before that part: no message
+/// contains a line of unlimited length.
 fn piece(line: &str, column: usize) -> (String, usize) {
     const LONGEST: usize = 2000;
     if line.len() <= LONGEST {
@@ -159,9 +158,9 @@ pub struct TextLocation {
     pub column: usize,
     /// Length in characters.
     pub length: usize,
-    /// The line's text; of a very long line the part around the column.
+    /// The line's text; for a very long line the part around the column.
     pub text: String,
-    /// Number of characters of the line in front of `text`.
+    /// Number of characters of the line before `text`.
     #[serde(skip)]
     left_out: usize,
     #[serde(skip)]
@@ -173,7 +172,7 @@ pub struct TextLocation {
 }
 
 impl TextLocation {
-    /// The beginning of a text for a message; without words of a file that is not the study's.
+    /// The beginning of a text for a message, without words of a file outside the study's folder.
     fn said(&self, text: &str, longest: usize) -> String {
         if self.is_foreign {
             shortened(&reach::without_words(text), longest)
@@ -191,39 +190,39 @@ impl TextLocation {
     }
 }
 
-/// Whether a study can be run as it is.
+/// Severity of a mistake: whether the study can still be run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// It cannot be run.
+    /// The study cannot be run.
     Error,
-    /// It cannot on this machine, which lacks something that the study needs.
+    /// The study cannot be run on this machine, which lacks something that it needs.
     Unavailable,
-    /// It can, and its results would say little.
+    /// The study can be run, but its results would say little.
     Warning,
 }
 
 /// One mistake in a study.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Diagnostic {
-    /// Whether the study can be run all the same.
+    /// Severity, which decides whether the study can still be run.
     pub severity: Severity,
     /// The mistake, as one lower-case fragment.
     pub message: String,
     /// Dotted path of the key, empty for the whole file.
     pub path: String,
-    /// Place of the mistake.
+    /// Position of the mistake.
     pub place: TextLocation,
     /// Meaning of the key: description, type, range, unit.
     pub about: Option<String>,
     /// The advice.
     pub help: Option<String>,
-    /// Other places that belong to the mistake, each with a remark.
+    /// Other positions that belong to the mistake, each with a remark.
     pub notes: Vec<(String, TextLocation)>,
 }
 
 impl Diagnostic {
-    /// The same diagnostic, of a setting that can be run and is probably not meant.
+    /// The same diagnostic, as a warning about a setting that can be run but is probably not intended.
     #[must_use]
     pub fn as_warning(self) -> Self {
         Self {
@@ -232,7 +231,7 @@ impl Diagnostic {
         }
     }
 
-    /// The same diagnostic, of a thing that this machine lacks.
+    /// The same diagnostic, about something that this machine lacks.
     #[must_use]
     pub fn as_unavailable(self) -> Self {
         Self {
@@ -248,7 +247,7 @@ impl Diagnostic {
         Self { help, ..self }
     }
 
-    /// The same diagnostic with the meaning of the key; no change where that is empty.
+    /// The same diagnostic with the meaning of the key; unchanged if that is empty.
     #[must_use]
     pub fn about(self, about: String) -> Self {
         Self {
@@ -257,7 +256,7 @@ impl Diagnostic {
         }
     }
 
-    /// The same diagnostic with one more place.
+    /// The same diagnostic with one more position.
     #[must_use]
     pub fn note(mut self, remark: impl Into<String>, place: TextLocation) -> Self {
         self.notes.push((place.said(&remark.into(), 2000), place));
@@ -276,7 +275,7 @@ pub fn are_unavailable(diagnostics: &[Diagnostic]) -> bool {
     has(Severity::Unavailable) && !has(Severity::Error)
 }
 
-/// Sorts by position and drops repeated ones.
+/// Sorts by position and removes repeated ones.
 #[must_use]
 pub fn in_order(mut diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
     diagnostics.sort_by_key(Diagnostic::order);
@@ -285,7 +284,7 @@ pub fn in_order(mut diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
     kept
 }
 
-/// Adds a diagnostic, unless one of the last is the same.
+/// Adds a diagnostic, unless it repeats one of the last ones.
 pub fn say_once(kept: &mut Vec<Diagnostic>, diagnostic: Diagnostic) {
     let said =
         |other: &Diagnostic| other.order() == diagnostic.order() && other.message == diagnostic.message;
@@ -294,10 +293,10 @@ pub fn say_once(kept: &mut Vec<Diagnostic>, diagnostic: Diagnostic) {
     }
 }
 
-/// How many diagnostics are shown; a file with more mistakes has one that they all come from.
+/// Number of diagnostics that are shown; a file with more mistakes has one from which they all come.
 pub const SHOWN: usize = 50;
 
-/// The first diagnostics as text, and how many more there are.
+/// The first diagnostics as text, and the number of the others.
 #[must_use]
 pub fn render_first(diagnostics: &[Diagnostic]) -> String {
     let (shown, more) = diagnostics.split_at(diagnostics.len().min(SHOWN));
@@ -318,7 +317,7 @@ pub fn render(diagnostics: &[Diagnostic], colour: bool) -> String {
 /// All diagnostics for programs.
 #[must_use]
 pub fn to_json(diagnostics: &[Diagnostic]) -> serde_json::Value {
-    // Strings, numbers and lists only: this cannot fail.
+    // These are only strings, numbers and lists, so this cannot fail.
     serde_json::to_value(diagnostics).unwrap_or_default()
 }
 
@@ -359,7 +358,7 @@ fn one(diagnostic: &Diagnostic) -> String {
     out
 }
 
-/// Longest part of a line that is shown, and how much of it stands in front of the place.
+/// Largest length of the part of a line that is shown, and the length of the text before the position in it.
 const WINDOW: (usize, usize) = (150, 60);
 
 fn excerpt(out: &mut String, place: &TextLocation, gutter: usize, mark: char) {
@@ -391,7 +390,7 @@ fn excerpt(out: &mut String, place: &TextLocation, gutter: usize, mark: char) {
         .take(before)
         .flat_map(|letter| std::iter::repeat_n(' ', columns(letter)))
         .collect();
-    // A position behind the end of the line (a missing value, an open bracket) lies past every character.
+    // A position after the end of the line (a missing value, an open bracket) lies beyond every character.
     let beyond = before.saturating_sub(shown.chars().count()).min(1);
     let width: usize = shown
         .chars()
@@ -403,7 +402,7 @@ fn excerpt(out: &mut String, place: &TextLocation, gutter: usize, mark: char) {
     line(out, &format!("{margin} | {indent}{}{marks}", " ".repeat(beyond)));
 }
 
-/// The line around the place, and how many of its characters stand in front of the place.
+/// The line around the position, and the number of its characters before the position.
 fn window(place: &TextLocation) -> (String, usize) {
     let visible = |letter: char| match letter {
         '\t' => '→',
@@ -438,7 +437,7 @@ fn columns(letter: char) -> usize {
     letter.width().unwrap_or(0)
 }
 
-/// The beginning of a long text, for a message: none holds as much as a file may.
+/// The beginning of a long text, for a message, which must not grow with the size of a file.
 #[must_use]
 pub fn shortened(word: &str, longest: usize) -> String {
     match word.char_indices().nth(longest) {
@@ -469,7 +468,7 @@ pub fn suggest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str>) -> Str
     }
 }
 
-/// The known name that the wrong one was probably meant to be.
+/// The known name that was probably intended.
 #[must_use]
 pub fn nearest<'a>(wrong: &str, known: &[&'a str]) -> Option<&'a str> {
     let wrong = wrong.to_lowercase();
@@ -486,12 +485,12 @@ pub fn nearest<'a>(wrong: &str, known: &[&'a str]) -> Option<&'a str> {
             *name,
         )
     });
-    // The first of equals wins, so that the advice does not depend on anything but the order of the names.
+    // The first of equals wins, so that the advice depends only on the order of the names.
     let best = scored.fold((0.0, ""), |best, next| if next.0 > best.0 { next } else { best });
     (best.0 > 0.6).then_some(best.1)
 }
 
-/// Whether a word is made of the first letters of a name's words, as `sac` of `soft_actor_critic`.
+/// Whether a word consists of the first letters of a name's words, like `sac` for `soft_actor_critic`.
 fn is_short_for(word: &str, name: &str) -> bool {
     let letters: String = name.split('_').filter_map(|part| part.chars().next()).collect();
     letters.len() > 1 && letters == word

@@ -6,8 +6,8 @@ use serde::{Deserialize, Deserializer, Serialize, de::DeserializeOwned};
 use serde_json::Value;
 use std::{borrow::Cow, collections::BTreeMap};
 
-/// A value of a document, with the schema of its type; nothing where it is absent or has another form. The check
-/// against the schema reports such a value, and it hides no mistake in others.
+/// A value of a document, with the schema of its type; empty if it is absent or has another form. The check against the
+/// schema reports such a value, which hides no mistake in others.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Fitting<T>(pub Option<T>);
@@ -35,7 +35,7 @@ impl<T> FittingEntries<T> {
 }
 
 impl<T> FittingItems<T> {
-    /// The items that have the form of their type, each with its index and with its node in the section.
+    /// The items that have the form of their type, each with its index and its node in the section.
     pub fn located<'a>(
         &'a self,
         section: Option<&'a Node>,
@@ -55,7 +55,7 @@ impl<T> Default for Fitting<T> {
 
 impl<'de, T: DeserializeOwned> Deserialize<'de> for Fitting<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        // A field that is absent is read as an option without a value.
+        // An absent field is read as an option without a value.
         let value = Option::<Value>::deserialize(deserializer)?;
         Ok(value.map_or_else(Self::default, Self::read))
     }

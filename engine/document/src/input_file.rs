@@ -1,7 +1,8 @@
-//! Files that a person names: studies, data, curves, runs of other programs.
+//! Files that the user names: studies, data, curves, runs of other programs.
 //!
-//! Only regular files are opened: a device has no end, and a pipe may never begin. A file larger than usual for its use
-//! is not read, unless a larger limit was asked for. The limit reaches no result: a file is read whole or refused.
+//! Only regular files are opened: a device has no end, and a pipe may never begin. A file that is larger than usual for
+//! its use is not read, unless a larger limit was requested. The limit does not affect results: a file is read
+//! completely or refused.
 
 use std::{
     fs::{self, File},
@@ -10,19 +11,19 @@ use std::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
-/// The variable with the limit in megabytes; an option of every command stands for it.
+/// The variable with the limit in megabytes, which an option of every command also sets.
 pub const VARIABLE: &str = "REGIMEN_INPUT_MB";
 const MEGABYTE: u64 = 1_000_000;
 
-/// The limit that was asked for, in megabytes; 0 for none.
+/// The limit that was requested, in megabytes; 0 for none.
 static ASKED_MB: AtomicU64 = AtomicU64::new(0);
 
-/// Use of a file, which decides how large it may be.
+/// Use of a file, which decides its largest size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Use {
     /// A study, or a part of one.
     Study,
-    /// Text that is held in memory.
+    /// Text that is kept in memory.
     Text,
     /// Bytes of any kind.
     Bytes,
@@ -44,7 +45,7 @@ pub fn allow(megabytes: u64) {
     ASKED_MB.store(megabytes, Ordering::Relaxed);
 }
 
-/// The limit that was asked for, in megabytes.
+/// The limit that was requested, in megabytes.
 #[must_use]
 pub fn asked() -> Option<u64> {
     Some(ASKED_MB.load(Ordering::Relaxed)).filter(|megabytes| *megabytes > 0)
@@ -53,11 +54,11 @@ pub fn asked() -> Option<u64> {
 /// A file that is read up to a length.
 pub type Opened = Take<File>;
 
-/// Opens a file to be read. A file of length 0 is not read: files that the system makes on reading (`/proc`) have this
-/// length, and may never end.
+/// Opens a file for reading. A file of length 0 is not read: files that the system generates on reading (`/proc`) have
+/// this length, and may never end.
 ///
 /// # Errors
-/// Where it cannot be opened, is no regular file, or is too large; the message says what helps.
+/// The file cannot be opened, is no regular file, or is too large; the message gives the remedy.
 pub fn open(path: &Path, of: Use) -> io::Result<Opened> {
     let named = fs::metadata(path)?;
     is_regular(named.is_file(), named.is_dir())?;
@@ -74,15 +75,15 @@ pub fn open(path: &Path, of: Use) -> io::Result<Opened> {
 /// The bytes of a file.
 ///
 /// # Errors
-/// As [`open`], and where it grows meanwhile.
+/// The errors of [`open`], and an error if the file grows meanwhile.
 pub fn read(path: &Path, of: Use) -> io::Result<Vec<u8>> {
     rest(open(path, of)?, Vec::new(), of)
 }
 
-/// The content of a file, packed or not, whose first bytes were read.
+/// The content of a file, compressed or not, whose first bytes were already read.
 ///
 /// # Errors
-/// Where it cannot be read, or is too large.
+/// The file cannot be read, or is too large.
 pub fn rest(file: impl io::Read, mut read: Vec<u8>, of: Use) -> io::Result<Vec<u8>> {
     let largest = of.largest_mb() * MEGABYTE;
     file.take((largest + 1).saturating_sub(read.len() as u64))
@@ -135,7 +136,7 @@ mod tests {
 
     #[test]
     fn what_the_system_makes_as_it_is_read_is_not_waited_for() {
-        // It holds the messages of the kernel, and a reader waits for the next one.
+        // It contains the messages of the kernel, and a reader waits for the next one.
         for path in ["/proc/kmsg", "/proc/self/status"].map(Path::new) {
             if let Ok(bytes) = read(path, Use::Text) {
                 assert!(bytes.is_empty(), "{}", path.display());

@@ -1,5 +1,5 @@
-//! Texts and files that people write: YAML with the line and column of every key, checks against schemas, and messages
-//! with places in the text.
+//! Texts and files that users write: YAML with the line and column of every key, checks against schemas, and messages
+//! with positions in the text.
 
 pub mod count;
 pub mod diagnostic;

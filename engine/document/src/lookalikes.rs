@@ -1,4 +1,4 @@
-//! Letters that look like others, or are invisible: they come with a text from a web page, a PDF file or a word
+//! Letters that look like others, or are invisible. They come with a text from a web page, a PDF file or a word
 //! processor, and no reader sees the mistake.
 
 /// A letter that looks like another one, or is invisible.
@@ -8,7 +8,7 @@ pub struct Lookalike {
     pub letter: char,
     /// Name of the letter, with the article.
     pub name: String,
-    /// The letter to write in its place; `None` where it is to be removed.
+    /// The letter to write instead; `None` if it must be removed.
     pub instead: Option<char>,
     /// Place in the text, in characters from 0.
     pub index: usize,
@@ -45,7 +45,8 @@ impl Lookalike {
     }
 }
 
-/// The first lookalike in a text. Letters of other scripts count only beside those that they look like.
+/// The first lookalike in a text. Letters of other scripts count only if they stand beside letters of the script that
+/// they imitate.
 #[must_use]
 pub fn first(text: &str) -> Option<Lookalike> {
     let mixed = text.chars().any(|letter| letter.is_ascii_alphabetic());

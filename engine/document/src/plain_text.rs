@@ -1,14 +1,14 @@
-//! Text from outside as people see it: without characters that control a terminal, that change the order of letters, or
-//! that no document may hold.
+//! Text from outside, made safe to show: without characters that control a terminal, that change the order of letters,
+//! or that no document may contain.
 //!
-//! All output of this program goes through [`message`] or [`printable`]; colours are put on last ([`coloured`]), so
-//! that none comes from a text. Reports of others about a failure are shortened where they are taken in ([`brief`]).
+//! All output of this program goes through [`message`] or [`printable`]; colours are added last ([`coloured`]), so that
+//! none comes from a text. Failure reports of other programs are shortened when they are received ([`brief`]).
 
 use serde::{Deserialize, Deserializer};
 use std::borrow::Cow;
 
 /// Whether a character is not text: one that controls a terminal, changes the direction of the text around it, or is
-/// unknown to XML.
+/// invalid in XML.
 #[must_use]
 pub fn is_unprintable(letter: char) -> bool {
     letter.is_control() && !matches!(letter, '\n' | '\t')
@@ -16,13 +16,13 @@ pub fn is_unprintable(letter: char) -> bool {
         || matches!(letter, '\u{fffe}' | '\u{ffff}')
 }
 
-/// Marks, embeddings, overrides and isolates of Unicode's bidirectional algorithm: with them a text reads
-/// otherwise than it is. Letters of languages that are written from right to left need none.
+/// Marks, embeddings, overrides and isolates of Unicode's bidirectional algorithm, which make a text look different
+/// from its content. Letters of languages that are written from right to left need none.
 fn is_direction(letter: char) -> bool {
     matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// The text with a sign instead of every character that is not text.
+/// The text with a replacement sign for every character that is not text.
 #[must_use]
 pub fn printable(text: &str) -> Cow<'_, str> {
     if text.contains(is_unprintable) {
@@ -34,11 +34,12 @@ pub fn printable(text: &str) -> Cow<'_, str> {
 
 /// Longest line of a message, in characters.
 const LONGEST_LINE: usize = 4000;
-/// Most lines of a message.
+/// Largest number of lines of a message.
 const MOST_LINES: usize = 2000;
-/// Longest report of others about a failure, in characters.
+/// Longest failure report of another program, in characters.
 const LONGEST_BRIEF: usize = 1000;
-/// Longest end of an output that a failure quotes, in characters: less than [`LONGEST_BRIEF`] by a long sentence.
+/// Longest end of an output that a failure quotes, in characters. It is shorter than [`LONGEST_BRIEF`] by the length of
+/// a long sentence.
 const LONGEST_LAST_WORDS: usize = 800;
 
 /// A message for a terminal: printable, and of limited length.
@@ -59,7 +60,7 @@ pub fn message(text: &str) -> Cow<'_, str> {
     Cow::Owned(printable(&shown.join("\n")).into_owned())
 }
 
-/// The beginning of a line with so many characters, the last one an ellipsis.
+/// The beginning of a line with this number of characters, the last one an ellipsis.
 fn cut(line: &str, longest: usize) -> Cow<'_, str> {
     match line.char_indices().nth(longest) {
         Some(_) => {
@@ -70,7 +71,7 @@ fn cut(line: &str, longest: usize) -> Cow<'_, str> {
     }
 }
 
-/// A report of others about a failure, as it is kept and shown: one line, printable, not long.
+/// A failure report of another program, as it is kept and shown: one line, printable, not long.
 #[must_use]
 pub fn brief(text: &str) -> String {
     let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -80,7 +81,7 @@ pub fn brief(text: &str) -> String {
 /// The end of an output on one line, short enough that [`brief`] keeps the end of a sentence that quotes it.
 #[must_use]
 pub fn last_words(output: &str) -> String {
-    // Python marks the place in a line by a line of its own, which means nothing on one line.
+    // Python marks the position in a line on a line of its own, which has no meaning on a single line.
     let is_mark = |word: &&str| word.trim_matches(['^', '~']).is_empty();
     let words = output.split_whitespace().filter(|word| !is_mark(word));
     let line = words.collect::<Vec<_>>().join(" ");
@@ -90,15 +91,15 @@ pub fn last_words(output: &str) -> String {
     }
 }
 
-/// Reads a text as [`brief`] keeps it: another program may have stored it.
+/// Reads a text and shortens it like [`brief`], since another program may have stored it.
 ///
 /// # Errors
-/// Where there is no text.
+/// There is no text.
 pub fn read_brief<'de, D: Deserializer<'de>>(reader: D) -> Result<String, D::Error> {
     Ok(brief(&String::deserialize(reader)?))
 }
 
-/// A message with colours: severities, the ways to places, and the marks under them.
+/// A message with colours for severities, the frames of positions, and the marks under them.
 #[must_use]
 pub fn coloured(message: &str) -> String {
     let lines: Vec<String> = message.split('\n').map(coloured_line).collect();
@@ -226,7 +227,7 @@ mod tests {
             for shown in [message(&text).into_owned(), brief(&text)] {
                 prop_assert!(!shown.contains(|letter: char| letter.is_control() && !"\n\t".contains(letter)));
             }
-            // Colours apart, a coloured message is the message.
+            // Apart from its colours, a coloured message is the message.
             let plain = message(&text);
             let without = [RED, YELLOW, BLUE, BOLD, "0"].iter().fold(coloured(&plain), |text, code| {
                 text.replace(&format!("\u{1b}[{code}m"), "")

@@ -1,12 +1,12 @@
 //! Files that a study may name, and those of them that a message may quote.
 //!
-//! The files of a study lie in its folder, or in the project that the folder is part of: everything under the nearest
-//! folder above it with a file `regimen.toml`, and for a folder of results without one the current folder, where that
-//! holds it. A name that leads elsewhere, by `..` or by a link, is refused; a file that lies elsewhere is named by its
-//! absolute path. A file outside the study's own folder is foreign: messages name the place and the kind of a mistake
-//! in it, and quote no word of it.
+//! The files of a study lie in its folder, or in the project that contains the folder: everything under the nearest
+//! folder above it with a file `regimen.toml`. For a folder of results without such a file, the project is the current
+//! folder, if that contains the results. A name that leads outside, by `..` or by a link, is refused; a file that lies
+//! elsewhere must be named by its absolute path. A file outside the study's own folder is foreign: messages name the
+//! position and the kind of a mistake in it, but quote none of its text.
 //!
-//! Every key that names files asks [`Reach::find`], and every message that quotes one asks [`quoted`].
+//! Every key that names files uses [`Reach::find`], and every message that quotes one uses [`quoted`].
 
 use std::{
     collections::BTreeSet,
@@ -18,17 +18,17 @@ use std::{
     },
 };
 
-/// The file whose folder is a project.
+/// The file that makes its folder a project.
 pub const PROJECT: &str = "regimen.toml";
 /// The file that a report writes into a folder of results.
 const REPORTED: &str = "manifest.json";
 
-/// The folders in which the files of a study lie.
+/// The folders that contain the files of a study.
 #[derive(Debug, Clone)]
 pub struct Reach {
     /// The study's own, without links.
     own: PathBuf,
-    /// The project's, or the study's own where it is part of none.
+    /// The project's folder, or the study's own if it belongs to none.
     project: PathBuf,
 }
 
@@ -67,7 +67,7 @@ impl Reach {
     }
 
     /// The reach of a study that is written out into `folder`, among the results or for a reader: that of a study
-    /// there, or the current folder where that holds it.
+    /// there, or the current folder if that contains it.
     #[must_use]
     pub fn of_written_out(folder: &Path) -> Self {
         let (reach, current) = (Self::of(folder), without_links(Path::new(".")));
@@ -79,7 +79,7 @@ impl Reach {
         Self { project, ..reach }
     }
 
-    /// The path of a file that is named as seen from `folder`. A foreign one is noted, so that nothing quotes it.
+    /// The path of a file that is named relative to `folder`. A foreign file is noted, so that no message quotes it.
     ///
     /// # Errors
     /// [`Outside`] for a relative name that leads out.
@@ -95,23 +95,23 @@ impl Reach {
         Ok(path)
     }
 
-    /// Whether a path leads to a place inside the study's folder or its project, links followed.
+    /// Whether a path leads to a place inside the study's folder or its project; links are followed.
     #[must_use]
     pub fn holds(&self, path: &Path) -> bool {
         without_links(path).starts_with(&self.project)
     }
 }
 
-/// The current folder, where it holds a folder that a report wrote: the study with all defaults written out, which is
+/// The current folder, if it contains a folder that a report wrote: the study with all defaults written out, which is
 /// among the results, names files as the original study does.
 fn project_of_results(own: &Path) -> Option<PathBuf> {
     let current = without_links(Path::new("."));
     (own.join(REPORTED).is_file() && own.starts_with(&current)).then_some(current)
 }
 
-/// The path without links; the part of it that does not exist stays as it is.
+/// The path without links; the part of it that does not exist is unchanged.
 fn without_links(path: &Path) -> PathBuf {
-    // The folder of a file that is named alone is empty.
+    // A file that is named alone has the empty path as its folder.
     let path = if path.as_os_str().is_empty() {
         Path::new(".")
     } else {
@@ -134,7 +134,7 @@ fn without_links(path: &Path) -> PathBuf {
     place
 }
 
-/// Files that a study named and that lie outside its folder.
+/// Files outside its folder that a study named.
 static FOREIGN: RwLock<BTreeSet<PathBuf>> = RwLock::new(BTreeSet::new());
 /// Whether this process does not know which study the files belong to.
 static ALL_FOREIGN: AtomicBool = AtomicBool::new(false);
@@ -144,7 +144,7 @@ fn note_foreign(path: &Path) {
     foreign.insert(path.to_owned());
 }
 
-/// From now on no cell is quoted: a worker process knows no study.
+/// Disables quotes from now on, since a worker process knows no study.
 pub fn quote_nothing() {
     ALL_FOREIGN.store(true, Ordering::Relaxed);
 }
@@ -156,7 +156,7 @@ pub fn is_foreign(path: &Path) -> bool {
     !foreign.is_empty() && path.ancestors().any(|part| foreign.contains(part))
 }
 
-/// Sign in a message for words of a foreign file.
+/// Sign in a message that replaces words of a foreign file.
 const UNSAID: &str = "…";
 
 /// A piece of the content of the file at `path`, for a message: short, without characters that control a terminal, and
@@ -170,7 +170,7 @@ pub fn quoted(path: &Path, cell: &str) -> String {
     }
 }
 
-/// The first letters of a text that can be printed.
+/// The first printable letters of a text.
 pub fn excerpt(cell: &str) -> String {
     const LONGEST: usize = 20;
     let mut shown: String = cell
@@ -184,7 +184,7 @@ pub fn excerpt(cell: &str) -> String {
     shown
 }
 
-/// Names of the columns of the file at `path`, for a message: the first ones, and none of a foreign file.
+/// Names of the first columns of the file at `path`, for a message; empty for a foreign file.
 #[must_use]
 pub fn quoted_names<'a>(path: &Path, names: impl IntoIterator<Item = &'a str>) -> String {
     const MOST: usize = 12;
@@ -201,7 +201,7 @@ pub fn quoted_names<'a>(path: &Path, names: impl IntoIterator<Item = &'a str>) -
 }
 
 /// A message about a foreign text without the text between its first and its last quotation mark, and without the text
-/// after a semicolon: both may be words of that file.
+/// after a semicolon, since both may be words of that file.
 #[must_use]
 pub fn without_words(message: &str) -> String {
     const MARKS: [char; 2] = ['`', '"'];

@@ -1,7 +1,7 @@
-//! Devices on which the learners of trials compute in place of a core, such as a card that trains many at once.
+//! Devices that compute the learners of trials instead of a core, such as a card that trains many at once.
 //!
-//! A run starts one process that drives the device. Worker processes are those of a run without a device; each is told
-//! where that process listens. A device reaches no number: a trial has the same bits on all of them.
+//! A run starts one process that drives the device. Worker processes are the same as in a run without a device, but get
+//! the socket of that process. Devices do not affect numbers: a trial has the same bits on all of them.
 
 use crate::world::process::{Child, ChildStdin, Command, Stdio};
 use contract::{Error, Registry};
@@ -12,22 +12,22 @@ use std::{
     sync::Arc,
 };
 
-/// The word by which the process of a device is started, before the name of the device.
+/// The verb that starts the process of a device, before the name of the device.
 pub const SERVER: &str = "device-server";
 
-/// The variable that tells a worker process its device, as `NAME=SOCKET`.
+/// The variable that gives a worker process its device, as `NAME=SOCKET`.
 pub const VARIABLE: &str = "REGIMEN_DEVICE";
 
-/// Name that stands for no device: learners compute where their trials do.
+/// Name that means no device: learners compute where their trials run.
 pub const PROCESSOR: &str = "processor";
 
 /// One entry of the list of devices.
 pub struct DeviceKind {
-    /// Name as written behind `--device`.
+    /// Name as written after `--device`.
     pub name: &'static str,
     /// One line about the device.
     pub about: &'static str,
-    /// Opens the device and calls `ready`, then answers workers until this process ends; the error says what the
+    /// Opens the device and calls `ready`, then answers workers until this process ends; the error names what the
     /// machine lacks.
     pub serve: fn(ready: &mut dyn FnMut(Opened)) -> Result<(), String>,
     /// Connects a worker to the process of the device.
@@ -37,9 +37,9 @@ pub struct DeviceKind {
 /// A device that is open.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Opened {
-    /// Socket at which it is asked.
+    /// Socket for requests to the device.
     pub socket: PathBuf,
-    /// The device in words, as a card's name and memory.
+    /// The device as text, such as a card's name and memory.
     pub device: String,
 }
 
@@ -48,7 +48,7 @@ pub trait Device {
     /// Runs a trial whose learners compute on the device.
     ///
     /// # Errors
-    /// [`Error::Device`] where the device is lost while the trial runs.
+    /// [`Error::Device`] if the device is lost while the trial runs.
     fn during(&self, trial: &mut dyn FnMut()) -> Result<(), Error>;
 }
 
@@ -82,7 +82,7 @@ pub fn find<'r>(registry: &'r Registry, name: &str) -> Result<&'r DeviceKind, Er
 #[derive(Debug)]
 pub struct Server {
     child: Child,
-    /// Its end tells the process to leave.
+    /// Pipe whose end tells the process to exit.
     input: Option<ChildStdin>,
     /// Name of the device.
     pub name: &'static str,
@@ -97,7 +97,7 @@ impl Server {
     /// Starts the process of a device, which sees one card of the machine or all of them, and waits until it answers.
     ///
     /// # Errors
-    /// [`Error::Device`] with what the machine lacks.
+    /// [`Error::Device`] with the missing requirement of the machine.
     pub fn start(kind: &DeviceKind, card: Option<&str>) -> Result<Self, Error> {
         let failed = |problem: String| Error::Device { problem };
         let unstarted = |source: std::io::Error| failed(format!("its process cannot be started: {source}"));
@@ -142,7 +142,7 @@ impl Server {
 impl Drop for Server {
     fn drop(&mut self) {
         drop(self.input.take());
-        // A process that was ended from outside is gone already.
+        // A process that was ended from outside is already gone.
         let _ = self.child.wait();
     }
 }
@@ -150,7 +150,8 @@ impl Drop for Server {
 /// Drives a device until the input of this process ends.
 ///
 /// # Errors
-/// [`Error::Device`] where there is no such device; what the machine lacks is told to the run that has started this.
+/// [`Error::Device`] if there is no such device; a missing requirement of the machine is reported to the run that
+/// started this process.
 pub fn serve(registry: &Registry, name: &str, mut input: impl Read + Send + 'static) -> Result<(), Error> {
     let kind = find(registry, name)?;
     outlive_signals()?;
@@ -174,8 +175,8 @@ pub fn serve(registry: &Registry, name: &str, mut input: impl Read + Send + 'sta
     Ok(())
 }
 
-/// Keeps this process alive at a signal to its group: trials have yet to save what the device holds, and the end of the
-/// input says when they have.
+/// Keeps this process alive at a signal to its group, because trials still have to save the state that the device
+/// holds; the end of the input shows that they have.
 fn outlive_signals() -> Result<(), Error> {
     use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
     for signal in [SIGINT, SIGTERM, SIGUSR1] {
@@ -187,7 +188,7 @@ fn outlive_signals() -> Result<(), Error> {
     Ok(())
 }
 
-/// Tells the run that has started this process; a run that is gone shows at the end of the input.
+/// Sends the answer to the run that started this process; if that run is gone, the input ends.
 fn tell(answer: &OpenReply) {
     let line = serde_json::to_string(answer).unwrap_or_default();
     let mut output = std::io::stdout();
@@ -205,7 +206,7 @@ pub struct Connection {
 /// The device that the value of [`VARIABLE`] names.
 ///
 /// # Errors
-/// [`Error::Device`] where it is unknown or its process cannot be reached.
+/// [`Error::Device`] if it is unknown or its process cannot be reached.
 pub fn connect(registry: &Registry, address: &str) -> Result<Connection, Error> {
     let (name, socket) = address.split_once('=').unwrap_or((address, ""));
     let kind = find(registry, name)?;

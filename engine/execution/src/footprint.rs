@@ -1,11 +1,10 @@
-//! Time and memory of a process and its descendants, for which limits hold.
+//! Time and memory of a process and its descendants, to which limits apply.
 
 use crate::{limits::Limits, world::fs};
 use contract::trial_end::EndState;
 use std::time::Duration;
 
-/// The limit that a process exceeds, as the end state of its trial and in words; `None` where it exceeds
-/// none.
+/// The limit that a process exceeds, as the end state of its trial and as text; `None` if it exceeds none.
 pub(crate) fn exceeded(limits: &Limits, elapsed: Duration, pid: u32) -> Option<(EndState, String)> {
     if let Some(limit) = limits.wall_time().filter(|limit| elapsed > *limit) {
         return Some((
@@ -26,10 +25,10 @@ pub(crate) fn exceeded(limits: &Limits, elapsed: Duration, pid: u32) -> Option<(
     ))
 }
 
-/// Memory of a process and its descendants in bytes, where it is more than `limit`.
+/// Memory of a process and its descendants in bytes, if it is more than `limit`.
 ///
-/// Resident memory is quickly read and counts shared pages several times, as for a process that has just
-/// copied itself; the proportional shares are added up only where resident memory exceeds the limit.
+/// Resident memory is read quickly but counts shared pages several times, for example for a process that has just
+/// copied itself; the proportional shares are summed only if resident memory exceeds the limit.
 fn held_beyond(pid: u32, limit: u64) -> Option<u64> {
     let family = family(pid);
     let sum = |of: fn(u32) -> Option<u64>| family.iter().filter_map(|pid| of(*pid)).sum::<u64>();
@@ -39,7 +38,7 @@ fn held_beyond(pid: u32, limit: u64) -> Option<u64> {
     Some(sum(|pid| shared_out_bytes(pid).or_else(|| resident_bytes(pid)))).filter(|held| *held > limit)
 }
 
-/// Ids of a process and its descendants; the process alone where the system does not say.
+/// Ids of a process and its descendants; only the process if the system does not report them.
 pub(crate) fn family(pid: u32) -> Vec<u32> {
     let mut all = vec![pid];
     let mut at = 0;
@@ -50,7 +49,7 @@ pub(crate) fn family(pid: u32) -> Vec<u32> {
     all
 }
 
-/// Ids of the processes that the threads of a process started; empty where the system does not say.
+/// Ids of the processes that the threads of a process started; empty if the system does not report them.
 fn children(pid: u32) -> Vec<u32> {
     let threads = fs::read_dir(format!("/proc/{pid}/task"))
         .into_iter()
@@ -67,7 +66,7 @@ fn resident_bytes(pid: u32) -> Option<u64> {
     bytes_of(&format!("/proc/{pid}/status"), ["VmRSS:", "VmSwap:"])
 }
 
-/// As [`resident_bytes`], with shared pages counted by their proportional share.
+/// Like [`resident_bytes`], with shared pages counted by their proportional share.
 fn shared_out_bytes(pid: u32) -> Option<u64> {
     bytes_of(&format!("/proc/{pid}/smaps_rollup"), ["Pss:", "SwapPss:"])
 }
@@ -96,7 +95,7 @@ mod tests {
             .unwrap();
         let own = std::process::id();
         let all = || family(own).len();
-        // The shell, the inner shell, and the command that it waits for.
+        // The shell, the inner shell, and the command that the inner shell waits for.
         while family(child.id()).len() < 3 {
             std::thread::yield_now();
         }

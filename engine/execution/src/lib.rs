@@ -1,7 +1,7 @@
 //! Computation and storage of trials: on this machine, on others, and in the store.
 //!
-//! Only [`world`] names files, clocks and processes; tests of crashes and power losses replace it by a
-//! simulated machine.
+//! Only [`world`] uses files, clocks and processes; tests of crashes and power losses replace it by a simulated
+//! machine.
 
 pub mod device;
 pub mod executor;

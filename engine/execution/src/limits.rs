@@ -1,12 +1,11 @@
-//! Limits of one trial, and the ends after which it is tried again. Neither reaches a trial's identity or its
-//! numbers.
+//! Limits of one trial, and the ends after which it is tried again. Neither affects a trial's identity or its numbers.
 
 use contract::trial_end::EndState;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// Limits as a study or `regimen.toml` gives them; what is absent is not limited, or has its default.
+/// Limits from a study or `regimen.toml`; an absent one does not limit anything, or has its default.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
@@ -15,20 +14,20 @@ pub struct Limits {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.001, max = 1e9), extend("x-unit" = "s"))]
     pub wall_time_s: Option<f64>,
-    /// Longest time for which nothing may be heard of a program that trains itself: no output, and no value; then it is
-    /// ended and the trial is a `timeout`.
+    /// Longest time without output or values from a program that trains itself; after it the program is ended and the
+    /// trial is a `timeout`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.001, max = 1e9), extend("x-unit" = "s"))]
     pub stalled_after_s: Option<f64>,
-    /// Most memory that a trial's process may hold; then it is ended and the trial is `oom`.
+    /// Largest memory of a trial's process; beyond it the process is ended and the trial is `oom`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1), extend("x-unit" = "MB"))]
     pub memory_mb: Option<u64>,
-    /// How often a trial is tried again; 2 where absent.
+    /// Number of times that a trial is tried again; 2 where absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(max = 100))]
     pub retries: Option<u32>,
-    /// The ends after which it is tried again, of which `ok` is none; only `killed` where absent.
+    /// The ends after which it is tried again, except `ok`; only `killed` where absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub retry_on: Option<Vec<EndState>>,
     /// Wait before the first retry; it doubles with each further one. 0.5 where absent.
@@ -91,8 +90,8 @@ impl Limits {
         Ok(())
     }
 
-    /// These limits combined with those of the machine: the tighter wall time and memory hold, and the
-    /// machine's values for retries win.
+    /// These limits combined with those of the machine: the tighter wall time and memory apply, and the machine's
+    /// values for retries take precedence.
     #[must_use]
     pub fn on(&self, machine: &Limits) -> Limits {
         let tighter = |a: Option<f64>, b: Option<f64>| a.into_iter().chain(b).reduce(f64::min);
@@ -113,14 +112,14 @@ impl Limits {
             .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
     }
 
-    /// Most memory of a process in bytes.
+    /// Largest memory of a process in bytes.
     #[must_use]
     pub fn memory_bytes(&self) -> Option<u64> {
         self.memory_mb
             .map(|megabytes| megabytes.saturating_mul(1_000_000))
     }
 
-    /// Wait before the next attempt after `attempts` of them; `None` where the end is final.
+    /// Wait before the next attempt after `attempts` of them; `None` if the end is final.
     #[must_use]
     pub fn retry_after(&self, end: EndState, attempts: u32) -> Option<Duration> {
         let again = self
@@ -132,7 +131,7 @@ impl Limits {
         }
         let doubled = self.retry_delay_s.unwrap_or(0.5)
             * 2f64.powi(i32::try_from(attempts).unwrap_or(i32::MAX).saturating_sub(1));
-        // The wait stays below an hour, however many attempts there were.
+        // The wait stays below an hour, for any number of attempts.
         Duration::try_from_secs_f64(doubled.min(3600.0)).ok()
     }
 }

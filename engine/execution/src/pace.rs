@@ -1,5 +1,4 @@
-//! Pace of the trials of a study: seconds per step of an agent in an environment, from trials that ended
-//! well.
+//! Pace of the trials of a study: seconds per step of an agent in an environment, from trials that ended successfully.
 
 use contract::{
     trial::TrialCell,
@@ -9,10 +8,10 @@ use std::collections::BTreeMap;
 
 /// Seconds per step of agents in environments, by their names in a study.
 ///
-/// Steps of one environment may cost a thousand times those of another, so that each pair has its own.
+/// Steps of one environment may cost a thousand times those of another, so each pair has its own pace.
 #[derive(Debug, Clone, Default)]
 pub struct Paces<'a> {
-    /// Seconds and steps in sum, by agent and environment.
+    /// Total seconds and steps, by agent and environment.
     sums: BTreeMap<(&'a str, &'a str), (f64, f64)>,
 }
 
@@ -45,7 +44,7 @@ impl<'a> Paces<'a> {
             .map(pace)
     }
 
-    /// Seconds per step where this agent is slowest.
+    /// Seconds per step in the environment in which this agent is slowest.
     #[must_use]
     pub fn slowest_of_agent(&self, agent: &str) -> Option<f64> {
         let of_agent = self.sums.range((agent, "")..);
@@ -60,7 +59,7 @@ impl<'a> Paces<'a> {
     }
 }
 
-/// Number of steps by which a pace divides: one more than the trial's own, since a trial without training still
+/// Number of steps by which seconds are divided: one more than the trial's own, since a trial without training still
 /// has its episodes.
 #[must_use]
 #[allow(clippy::cast_precision_loss, reason = "an estimate")]

@@ -1,5 +1,5 @@
-//! Limits of time and memory for the trial run of an external program. Reading a study makes its
-//! environments, and none of them may block that without end or without a message.
+//! Limits of time and memory for the trial run of an external program. Reading a study makes its environments, and none
+//! of them may block that forever or without a message.
 
 use crate::{footprint, limits::Limits, world::clock};
 use std::{
@@ -12,15 +12,15 @@ use std::{
     time::Duration,
 };
 
-/// Longest time in which an environment is made and rehearsed, whatever the study allows a trial.
+/// Longest time in which an environment is made and rehearsed, independent of the study's limits of a trial.
 pub const LONGEST: Duration = Duration::from_secs(300);
-/// Time after which a message says for which program the wait is.
+/// Time after which a message names the program that is waited for.
 const SILENT: Duration = Duration::from_secs(5);
-/// Interval between two checks: a process that takes memory as fast as it can gets some 50 MB in it.
+/// Interval between two checks; a process that takes memory as fast as it can gets about 50 MB in it.
 const PERIOD: Duration = Duration::from_millis(20);
 
 thread_local! {
-    /// Limits that hold while a study is read; the limits of a trial are held from outside.
+    /// Limits that apply while a study is read; the limits of a trial are enforced from outside.
     static LIMITS: RefCell<Option<Limits>> = const { RefCell::new(None) };
 }
 static SAY: OnceLock<fn(&str)> = OnceLock::new();
@@ -33,13 +33,13 @@ pub fn under<T>(limits: &Limits, tried: impl FnOnce() -> T) -> T {
     found
 }
 
-/// Sets the function that shows for which program the wait is.
+/// Sets the function that shows the program that is waited for.
 pub fn say_by(say: fn(&str)) {
-    // The first function stays.
+    // Only the first function is kept.
     let _ = SAY.set(say);
 }
 
-/// Thread that holds the limits of a process while it is waited for.
+/// Thread that enforces the limits of a process that is waited for.
 #[derive(Debug)]
 pub struct Watch {
     done: Sender<()>,
@@ -78,10 +78,10 @@ impl Watch {
         Self { done, thread }
     }
 
-    /// Ends the watch; returns the reason for which the process was ended, if it was.
+    /// Ends the watch; returns the reason why the process was ended, if it was.
     #[must_use]
     pub fn end(self) -> Option<String> {
-        // The thread may have ended already.
+        // The thread may already have ended.
         let _ = self.done.send(());
         self.thread.join().ok().flatten()
     }

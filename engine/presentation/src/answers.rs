@@ -14,16 +14,16 @@ pub struct AnswerText {
     /// The item of the source, such as `table 3.2`; absent for a question that no source prints.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub item: String,
-    /// The source's statement there, in its values or its words, or the question.
+    /// The source's statement there, as values or as text, or the question.
     pub printed: String,
     /// The finding, with placeholders as in `summary`.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub here: String,
-    /// Claims and published values that decide, as in `[claim 1, "table-3.2: four, learner"]`. A line that rests on
-    /// nothing has no answer, such as that of a drawing.
+    /// Claims and published values that decide, as in `[claim 1, "table-3.2: four, learner"]`. A line that depends on
+    /// nothing, such as that of a drawing, has no answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub by: Vec<String>,
-    /// How the system differs from that of the source, such as `other engines`; absent where it is the same.
+    /// Difference of the system from that of the source, such as `other engines`; absent where it is the same.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub system: String,
 }

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::borrow::Cow;
 
-/// Name of the setting of agents that no sweep varies, beside swept settings.
+/// Name of the setting of agents that no sweep varies, shown beside swept settings.
 pub(crate) const AS_GIVEN: &str = "as given";
 
 /// Axis along which trials differ.
@@ -86,14 +86,14 @@ impl TableAxis {
         }
     }
 
-    /// The value of the swept key in a trial's setting; `None` for another axis, and where the setting lacks the key.
+    /// The value of the swept key in a trial's setting; `None` for another axis, or if the setting lacks the key.
     #[must_use]
     pub fn value<'t>(&self, trial: &'t TrialResult) -> Option<&'t Value> {
         trial.trial.cell.point.get(self.key()?)
     }
 
-    /// A trial's place on the axis, empty where its setting lacks the key. The keys in `apart` have axes of their own
-    /// and are left out of a setting.
+    /// A trial's place on the axis; empty if its setting lacks the key. The keys in `apart` have axes of their own and
+    /// are left out of a setting.
     #[must_use]
     pub fn place<'t>(&self, trial: &'t TrialResult, apart: &[&str]) -> Cow<'t, str> {
         match self {
@@ -103,7 +103,7 @@ impl TableAxis {
         }
     }
 
-    /// Says where the axis, which stands under `key`, is that of no swept key, or of settings without a sweep.
+    /// Reports an axis under `key` that names no swept key, or an axis of settings in a study without a sweep.
     pub(crate) fn check(&self, key: &str, names: &mut Names<'_>, place: &Place<'_>) {
         match self {
             TableAxis::Key(word) => {
@@ -131,8 +131,8 @@ impl TableAxis {
     }
 }
 
-/// Says where a name is that of no swept key, in the words of `unknown`, or that of several keys of one setting. The
-/// names in `beside` could stand there, too.
+/// Reports a name that matches no swept key, in the words of `unknown`, or several keys of one setting. The names in
+/// `beside` are also valid there.
 pub(crate) fn check_key(
     name: &str,
     unknown: String,
@@ -148,8 +148,8 @@ pub(crate) fn check_key(
     }
 }
 
-/// The settings of some agents, in order, preceded by that of an agent that no sweep varies; empty where no sweep
-/// varies any of them.
+/// The settings of some agents, in order, preceded by that of an agent that no sweep varies; empty if no sweep varies
+/// any of them.
 fn settings_of(names: &Names<'_>, picked: &Picked) -> Vec<String> {
     let vocabulary = names.vocabulary;
     let varies = |index: &usize| {

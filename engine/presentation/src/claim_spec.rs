@@ -4,11 +4,11 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use statistics::estimators::mean;
 
-/// The share of the range from floor to bound that matters, in every study that gives no reason for another.
+/// The share of the range from floor to bound that matters, in every study without a reason for another.
 const SHARE: f64 = 0.05;
 
-/// Which difference matters for claims that do not say it: a share of the range between an agent that learned nothing
-/// and the best that is possible or known.
+/// The smallest difference that matters for claims without one of their own: a share of the range between an agent that
+/// learned nothing and the best possible or known agent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Relevance {
@@ -18,7 +18,7 @@ pub struct Relevance {
     /// The agent at the upper end.
     #[schemars(extend("x-kind" = "agent"))]
     pub bound: String,
-    /// The share of the range that matters; another one than 0.05 needs a reason.
+    /// The share of the range that matters; a share other than 0.05 needs a reason.
     #[serde(default = "share")]
     #[schemars(range(max = 1.0), extend("exclusiveMinimum" = 0.0))]
     pub share: f64,
@@ -39,8 +39,7 @@ impl Relevance {
         is_another && self.why.trim().is_empty()
     }
 
-    /// The smallest difference that matters, from the values of floor and bound; `None` where one of them has no
-    /// value.
+    /// The smallest difference that matters, from the values of floor and bound; `None` if one of them has no value.
     #[must_use]
     pub fn margin(&self, values: &dyn Fn(&str) -> Option<Vec<f64>>) -> Option<f64> {
         let of = |agent: &str| {

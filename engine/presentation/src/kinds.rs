@@ -9,7 +9,7 @@ use serde::{Serialize, Serializer, de::DeserializeOwned};
 use serde_json::{Map, Value, json};
 use std::{any::Any, fmt, ops::Deref, path::Path, sync::Arc};
 
-/// Facts on a kind that hold without a study.
+/// Facts about a kind that need no study.
 #[derive(Debug, Clone, Copy)]
 pub struct Kind {
     /// Key of the kind in a study.
@@ -18,11 +18,11 @@ pub struct Kind {
     pub about: &'static str,
     /// Schema of the value under the key.
     pub schema: fn(&mut SchemaGenerator) -> Schema,
-    /// Check for options under the key that exclude each other; `None` where there are none.
+    /// Check for options under the key that exclude each other; `None` if there are none.
     pub contradiction: fn(&Value) -> Option<Contradiction>,
-    /// A use of it, in a study with the agents `rule`, `other` and `learner` (which learns), whose `discount` is
-    /// swept, the environments `short`, `long` and `pair`, and the play `tag`. `describe` shows it, and a test
-    /// checks a study with it.
+    /// A use of the kind, in a study with the agents `rule`, `other` and `learner` (which learns), whose `discount` is
+    /// swept, the environments `short`, `long` and `pair`, and the play `tag`. `describe` shows it, and a test checks a
+    /// study with it.
     pub example: fn() -> &'static str,
 }
 
@@ -37,7 +37,7 @@ pub trait KindSpec: KindOptions + DeserializeOwned + JsonSchema {
     /// A use of the kind in YAML, see [`Kind::example`].
     fn example() -> &'static str;
 
-    /// KindOptions that exclude each other, in the value under the key; `None` where there are none.
+    /// Options that exclude each other, in the value under the key; `None` if there are none.
     fn contradiction(_: &Value) -> Option<Contradiction> {
         None
     }
@@ -76,7 +76,7 @@ impl<T: ?Sized> Readable<T> {
     /// Reads the options under the key of the kind; paths of files are relative to `folder`.
     ///
     /// # Errors
-    /// Where an option is missing or has another type.
+    /// A missing option, or one of another type.
     pub fn read(&self, options: Value, folder: &Path) -> serde_json::Result<Chosen<T>> {
         Ok(Chosen {
             name: self.kind.name,
@@ -85,12 +85,12 @@ impl<T: ?Sized> Readable<T> {
     }
 }
 
-/// Options of a kind: they can be written as a study has them, and told by their type.
+/// Options of a kind. They can be written as in a study, and are identified by their type.
 pub trait KindOptions: Any + fmt::Debug + Send + Sync {
     /// The value under the key of the kind.
     ///
     /// # Errors
-    /// Where it has no form in JSON.
+    /// Options that have no form in JSON.
     fn to_value(&self) -> serde_json::Result<Value>;
 
     /// The options as a type that can be asked for.
@@ -107,7 +107,7 @@ impl<T: Any + fmt::Debug + Serialize + Send + Sync> KindOptions for T {
     }
 }
 
-/// The kind of one table or figure, with its options. A study has it as a mapping with the kind's name as its one key.
+/// The kind of one table or figure, with its options. In a study it is a mapping with the kind's name as its only key.
 pub struct Chosen<T: ?Sized> {
     /// Key of the kind in a study.
     pub name: &'static str,
@@ -122,7 +122,7 @@ impl<T: ?Sized> Chosen<T> {
 }
 
 impl<T: KindOptions + ?Sized> Chosen<T> {
-    /// The options, where they are of this type.
+    /// The options, if they are of this type.
     #[must_use]
     pub fn downcast<K: Any>(&self) -> Option<&K> {
         (*self.options).as_any().downcast_ref()
@@ -170,11 +170,11 @@ impl<T: KindOptions + ?Sized> Serialize for Chosen<T> {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct Contradiction {
-    /// The option, below the key of the kind.
+    /// The option, as keys below that of the kind.
     pub at: Vec<&'static str>,
     /// Sentence on the contradiction.
     pub message: String,
-    /// Sentence on the repair; empty where it is plain.
+    /// Sentence on the repair; empty if it is obvious.
     pub help: &'static str,
 }
 
@@ -187,7 +187,7 @@ impl Contradiction {
     }
 }
 
-/// Marker of a key in a schema whose own keys are described under their name and not at its place.
+/// Marker of a key in a schema whose own keys are described under their name instead of at its place.
 pub const ELSEWHERE: &str = "x-described-by-name";
 
 /// The keys of the kinds in the schema of an entry that gives exactly one of them. A key without a value counts as not

@@ -5,10 +5,9 @@
 //! placeholder = TABLE ":" ROW [ "," COLUMN ] [ "published" | "verdict" ] | "claim" NUMBER
 //! ```
 //!
-//! `{table-3.3: rule_1}` is the value of a table with one column as the table prints it, without its
-//! interval, and `{table-3.2: four, learner}` that of one with several; `published` after it asks for the
-//! published value, `verdict` for the verdict. `{claim 2}` is the verdict on the second claim. `{{` and `}}`
-//! are braces.
+//! `{table-3.3: rule_1}` is the value of a table with one column as the table prints it, without its interval;
+//! `{table-3.2: four, learner}` is that of a table with several. `published` after it asks for the published value,
+//! `verdict` for the verdict. `{claim 2}` is the verdict on the second claim. `{{` and `}}` are braces.
 
 /// Grammar of a placeholder, for messages.
 pub const PLACEHOLDERS: &str = "write `{TABLE: ROW}` or `{TABLE: ROW, COLUMN}`, with `published` or `verdict` \
@@ -17,7 +16,7 @@ pub const PLACEHOLDERS: &str = "write `{TABLE: ROW}` or `{TABLE: ROW, COLUMN}`, 
 /// A sentence as text and as its parts.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Summary {
-    /// The text as the study has it.
+    /// The text as the study gives it.
     pub text: String,
     /// Its parts, in order.
     pub pieces: Vec<Piece>,
@@ -50,7 +49,7 @@ pub enum PlaceholderTarget {
     Cell {
         /// Name of the table.
         table: String,
-        /// Row, or row and column with a comma between; see [`locate`].
+        /// Row, or row and column with a comma between them; see [`locate`].
         place: String,
         /// The part of the cell.
         of: CellField,
@@ -191,7 +190,7 @@ fn claim(text: &str) -> Result<PlaceholderTarget, String> {
     }
 }
 
-/// Reason for a place that is in no table.
+/// Reason why a place is not found in a table.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum LookupError {
     /// No row has this name.
@@ -206,7 +205,7 @@ pub enum LookupError {
 /// comma is tried.
 ///
 /// # Errors
-/// The name that is in no table, or the lack of a column.
+/// The name that is in no table, or the missing column.
 pub fn locate(place: &str, rows: &[&str], columns: &[&str]) -> Result<(usize, usize), LookupError> {
     let row_of = |name: &str| rows.iter().position(|known| *known == name);
     if let Some(row) = row_of(place) {

@@ -27,11 +27,11 @@ pub struct Vocabulary {
     pub left: BTreeMap<(usize, usize), BTreeSet<ArtifactKind>>,
     /// Names of traced channels, by environment.
     pub traced: BTreeMap<usize, BTreeSet<String>>,
-    /// Settings in words, in order; one without words where there is no sweep.
+    /// Settings as texts, in order; a single empty one without a sweep.
     pub settings: Vec<Arc<str>>,
     /// The swept keys.
     pub swept: Vec<Arc<SweptKey>>,
-    /// Places of the swept keys that stand in one setting together, each list once.
+    /// Places of the swept keys that stand together in one setting, each list once.
     pub together: BTreeSet<Vec<usize>>,
     /// Seeds of the study.
     pub seeds: Vec<u64>,
@@ -43,7 +43,7 @@ pub struct Vocabulary {
     pub units: BTreeMap<String, String>,
     /// Plays among these agents.
     pub plays: Vec<Play>,
-    /// Warnings about parts that can run but are probably not meant.
+    /// Warnings about parts that can run but are probably not intended.
     pub warnings: Vec<Diagnostic>,
     /// Whether no environment was started, because the announcements of all are known.
     pub is_recalled: bool,
@@ -56,7 +56,7 @@ pub struct Vocabulary {
 pub struct SweptKey {
     /// The key as it is written.
     pub key: Arc<str>,
-    /// Index of the agent whose key it is; `None` for a key of environment or protocol.
+    /// Index of the agent to which the key belongs; `None` for a key of environment or protocol.
     pub agent: Option<usize>,
     /// Its values, in the order of the points.
     pub values: Arc<[Value]>,
@@ -75,7 +75,7 @@ pub struct KnownSearch {
     pub name: String,
     /// The metric by which it compares settings.
     pub metric: String,
-    /// Number of settings that can go to their ends.
+    /// Number of settings that can run to their ends.
     pub ends: usize,
 }
 
@@ -96,7 +96,8 @@ impl Vocabulary {
             .collect()
     }
 
-    /// A sentence on the name of several keys of one setting, with the names to choose from; `None` for other names.
+    /// A sentence on a name that several keys of one setting share, with the names to choose from; `None` for other
+    /// names.
     #[must_use]
     pub fn ambiguity(&self, name: &str) -> Option<String> {
         self.together.iter().find_map(|together| {
@@ -114,8 +115,8 @@ impl Vocabulary {
         })
     }
 
-    /// The values of the swept keys with this whole name or last word, as words; none where no sweep varies such a key
-    /// of the agent, its environments or its protocol. Keys of all agents count where `agent` is absent.
+    /// The values of the swept keys with this whole name or last word, as texts; none if no sweep varies such a key of
+    /// the agent, its environments or its protocol. Keys of all agents count if `agent` is absent.
     #[must_use]
     pub fn swept_values(&self, name: &str, agent: Option<usize>) -> Vec<String> {
         let is_of_other = |it: &SweptKey| agent.is_some() && it.agent.is_some() && it.agent != agent;
@@ -139,7 +140,7 @@ impl Vocabulary {
     }
 }
 
-/// Which seeds of two agents meet.
+/// Choice of the seeds of agents that meet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Pairs {

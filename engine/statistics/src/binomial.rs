@@ -1,24 +1,24 @@
 //! Shares of seeds that succeed: exact bounds of one share, and the interval of the difference of two.
 //!
-//! The bounds of one share are those of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404): the lower
-//! one is the probability of success with which at least as many successes would occur in the share `nominal`
-//! of all samples. They hold their level for every truth, and mostly more than that, since counts come in
-//! steps. The difference of two independent shares has an interval whose ends are made of the exact bounds of
-//! both, their distances squared and added (Zou and Donner 2008, doi:10.1002/sim.3095). With score bounds in
-//! their place (Newcombe 1998, Statistics in Medicine 17, 873-890, method 10) it is narrower and errs more often
-//! than its level says: with three seeds a side three times as often at half a percent.
+//! The bounds of one share are those of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404): the lower one is the
+//! probability of success with which at least as many successes would occur in the share `nominal` of all samples. They
+//! hold their level for every true share, and usually exceed it, since counts are discrete. The interval of the
+//! difference of two independent shares combines the exact bounds of both by squaring and adding their distances (Zou
+//! and Donner 2008, doi:10.1002/sim.3095). With score bounds instead (Newcombe 1998, Statistics in Medicine 17,
+//! 873-890, method 10) it is narrower and errs more often than its level allows: with three seeds a side three times as
+//! often at half a percent.
 //!
 //! Bounds have a relative error below 1e-11 up to ten thousand seeds.
 
 use super::Interval;
 use serde::{Deserialize, Serialize};
 
-/// How many seeds succeeded, of how many.
+/// Number of seeds that succeeded, out of all seeds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Share {
     /// Seeds that succeeded, at most `n`.
     pub successes: u32,
-    /// Seeds in all.
+    /// Number of all seeds.
     pub n: u32,
 }
 
@@ -47,7 +47,7 @@ impl Share {
         }
         let choices = ln_choices(self.n, self.successes);
         let (mut low, mut high) = (0.0, self.value());
-        // So many halvings that even a bound far below the share has all digits of a float.
+        // With this number of halvings even a bound far below the share has all digits of a float.
         for _ in 0..80 {
             let middle = f64::midpoint(low, high);
             if self.at_least(middle, choices) < nominal {
@@ -59,8 +59,7 @@ impl Share {
         f64::midpoint(low, high)
     }
 
-    /// The exact upper bound at the one-sided level `nominal`, between 0 and one half; 1 where every seed
-    /// succeeded.
+    /// The exact upper bound at the one-sided level `nominal`, between 0 and one half; 1 if every seed succeeded.
     #[must_use]
     pub fn upper_bound(self, nominal: f64) -> f64 {
         let failures = Self {
@@ -70,7 +69,8 @@ impl Share {
         1.0 - failures.lower_bound(nominal)
     }
 
-    /// The exact interval at `level`, its ends bounds at half the rest each; `None` without seeds.
+    /// The exact interval at `level`, whose ends are bounds at half of the remaining probability each; `None` without
+    /// seeds.
     #[must_use]
     pub fn interval(self, level: f64) -> Option<Interval> {
         let nominal = (1.0 - level) / 2.0;
@@ -81,8 +81,8 @@ impl Share {
         })
     }
 
-    /// The interval of this share less `other`, of other seeds, made of the exact bounds of both; `None` where
-    /// either has no seed.
+    /// The interval of this share minus `other`, which has other seeds, combined from the exact bounds of both; `None`
+    /// if either has no seed.
     #[must_use]
     pub fn interval_of_difference(self, other: Self, level: f64) -> Option<Interval> {
         let [one, two] = [self.interval(level)?, other.interval(level)?];
@@ -96,8 +96,8 @@ impl Share {
         })
     }
 
-    /// Probability of at least as many successes, each of probability `p`, at most the share itself: the
-    /// terms fall.
+    /// Probability of at least this number of successes, each of probability `p`, which is at most the share itself, so
+    /// that the terms decrease.
     fn at_least(self, p: f64, ln_choices: f64) -> f64 {
         let (n, k) = (f64::from(self.n), f64::from(self.successes));
         let first = (ln_choices + k * p.ln() + (n - k) * (-p).ln_1p()).exp();
@@ -184,9 +184,8 @@ mod tests {
         (0..=n).map(of).collect()
     }
 
-    /// All samples of ours and of a few published runs, over a grid of true shares: a difference that is
-    /// within the margin is found outside, and one that is outside is found within, in no more than 5 % of
-    /// them.
+    /// All samples of the study and of a few published runs, over a grid of true shares. A difference within the margin
+    /// is found outside, and one outside is found within, in at most 5 % of them.
     #[test]
     fn differences_from_few_published_runs_are_wrong_in_one_of_twenty_at_most() {
         for (ours, published, margin) in [(20, 3, 0.2), (50, 3, 0.3), (20, 5, 0.2), (20, 10, 0.3)] {
@@ -195,8 +194,8 @@ mod tests {
         }
     }
 
-    /// All samples of two agents that are as good: that one is better is found no more often than the level
-    /// says, at the levels of claims, of looks and of families.
+    /// All samples of two equally good agents: one is found better no more often than the level allows, at the levels
+    /// of claims, of looks and of families.
     #[test]
     fn equal_shares_are_told_apart_as_seldom_as_the_level_says() {
         let better = |nominal: f64, n: u32, m: u32, p: f64| -> f64 {
@@ -264,8 +263,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the truth, the bound exceeds it in no more than the share `nominal` of samples: summed
-        /// over all counts.
+        /// For every true share, the bound exceeds it in at most the share `nominal` of samples, summed over all
+        /// counts.
         #[test]
         fn bounds_hold_their_level(
             n in 1_u32..40,

@@ -6,11 +6,11 @@
 //! of task `k`, so that axes cannot be swapped and tasks may have unequal numbers of seeds. Intervals are
 //! percentiles of the resampled statistic.
 //!
-//! Indices come from the stream named `["statistics", "bootstrap"]`, opened anew for every interval: an
-//! interval is a function of its scores only.
+//! Indices come from the stream named `["statistics", "bootstrap"]`, which is opened again for every interval, so that
+//! an interval is a function of its scores only.
 //!
-//! Percentile intervals are too narrow for few seeds (for the mean of 5 seeds of one task about 84 % instead
-//! of 95 %); the Student-t interval of [`MeanEstimate`](super::MeanEstimate) is the one for a single cell.
+//! Percentile intervals are too narrow for few seeds (for the mean of 5 seeds of one task about 84 % instead of 95 %);
+//! a single cell uses the Student-t interval of [`MeanEstimate`](super::MeanEstimate).
 
 use super::{
     Interval,
@@ -19,10 +19,10 @@ use super::{
 use contract::random::{Rng, stream};
 use rand::RngCore;
 
-/// How a bootstrap interval is made.
+/// Options of a bootstrap interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bootstrap {
-    /// Number of resamples; kept between 2000 and 50 000.
+    /// Number of resamples, limited to between 2000 and 50 000.
     pub resamples: u32,
     /// Confidence level.
     pub level: f64,
@@ -40,8 +40,8 @@ impl Bootstrap {
         level: 0.95,
     };
 
-    /// The interval of `statistic` over a suite of tasks; `None` where there is no task, a task has fewer
-    /// than two seeds or the statistic is not finite.
+    /// The interval of `statistic` over a suite of tasks; `None` if there is no task, a task has fewer than two seeds
+    /// or the statistic is not finite.
     #[must_use]
     pub fn stratified(self, tasks: &[Vec<f64>], statistic: impl Fn(&[Vec<f64>]) -> f64) -> Option<Interval> {
         self.independent([tasks], |[tasks]| statistic(tasks))
@@ -59,9 +59,9 @@ impl Bootstrap {
         percentile_interval(&statistics, self.level)
     }
 
-    /// The interval of each of several statistics of the same resamples, as of the points of a curve: every one
-    /// is that of [`Bootstrap::stratified`]. `None` where there is no task or a task has fewer than two seeds;
-    /// an interval is `None` where its statistic is not finite.
+    /// The interval of each of several statistics of the same resamples, such as the points of a curve; each equals
+    /// that of [`Bootstrap::stratified`]. `None` if there is no task or a task has fewer than two seeds; a single
+    /// interval is `None` if its statistic is not finite.
     #[must_use]
     pub fn pointwise(
         self,
@@ -78,7 +78,7 @@ impl Bootstrap {
         )
     }
 
-    /// The statistic of every resample; `None` where there is no task or a task has fewer than two seeds.
+    /// The statistic of every resample; `None` if there is no task or a task has fewer than two seeds.
     fn draws<Value, const SUITES: usize>(
         self,
         suites: [&[Vec<f64>]; SUITES],
@@ -90,7 +90,7 @@ impl Bootstrap {
         {
             return None;
         }
-        // Sorted, so that the order of the seeds cannot reach the interval.
+        // Sorted, so that the order of the seeds cannot affect the interval.
         let originals = suites.map(|tasks| tasks.iter().map(|seeds| sorted(seeds)).collect::<Vec<_>>());
         let mut resampled = originals.clone();
         let mut rng = stream(&["statistics", "bootstrap"]);
@@ -114,8 +114,8 @@ fn resample(from: &[Vec<f64>], to: &mut [Vec<f64>], rng: &mut Rng) {
     }
 }
 
-/// A uniform index below `n`, from the upper bits of one draw. Its bias is below `n / 2^32`; in contrast with
-/// a library's method it cannot change with the library's version.
+/// A uniform index below `n`, from the upper bits of one draw. Its bias is below `n / 2^32`. Unlike a library's method
+/// it cannot change with the library's version.
 #[inline]
 pub(super) fn below(n: usize, rng: &mut Rng) -> usize {
     ((u64::from(rng.next_u32()) * n as u64) >> 32) as usize

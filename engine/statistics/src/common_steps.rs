@@ -1,8 +1,7 @@
-//! Runs that were measured at steps of their own, at steps that they share: a value holds until the next one is
-//! measured.
-//! The steps are those at which any of the runs was measured, from the one at which the last of them began to the one
-//! at which the first of them ended. So every run has a value at each of them, and no value comes from before a run
-//! began or from after it ended. Runs with the same steps have these, and their own values.
+//! Runs that were measured at steps of their own, evaluated at common steps: a value holds until the next one is
+//! measured. The steps are those at which any of the runs was measured, from the latest first step of a run to the
+//! earliest last step of one. Every run therefore has a value at each of them, and no value comes from before a run
+//! began or from after it ended. Runs with equal steps keep these steps and their own values.
 
 /// Values of a run by step, in ascending order.
 pub type StepSeries = Vec<(u64, f64)>;
@@ -30,7 +29,7 @@ pub fn at_common_steps(runs: &[&[(u64, f64)]], mut see: impl FnMut(u64, &[f64]))
     }
 }
 
-/// The first and the last step at which all runs have a value; `None` where there is none.
+/// The first and the last step at which all runs have a value; `None` if there is none.
 #[must_use]
 pub fn shared_stretch(runs: &[&[(u64, f64)]]) -> Option<(u64, u64)> {
     let ends = |run: &&[(u64, f64)]| Some((run.first()?.0, run.last()?.0));

@@ -9,9 +9,9 @@ use contract::random::{Rng, stream};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// More rearrangements than this are drawn at random instead of listed.
+/// Largest number of rearrangements that are listed; if there are more, they are drawn at random.
 const MOST_LISTED: f64 = 1_048_576.0;
-/// How many rearrangements are drawn where they cannot be listed.
+/// Number of rearrangements that are drawn if they cannot be listed.
 const DRAWN: u32 = 100_000;
 
 /// One value per seed. A seed that occurs more than once (once per episode, by mistake) counts once, with its
@@ -32,7 +32,7 @@ pub fn by_seed(values: &[(u64, f64)]) -> BTreeMap<u64, f64> {
 /// averaged over tasks (Agarwal et al. 2021, arXiv:2108.13264, section 4.3). `left[k]` and `right[k]` hold
 /// the seeds of task `k`.
 ///
-/// Returns NaN where the numbers of tasks differ, there is no task, or a task has no seed.
+/// Returns NaN if the numbers of tasks differ, there is no task, or a task has no seed.
 #[must_use]
 pub fn probability_of_improvement(left: &[Vec<f64>], right: &[Vec<f64>]) -> f64 {
     if left.len() != right.len() {
@@ -73,17 +73,16 @@ pub fn probability_of_improvement_interval(
 /// Result of a permutation test.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PermutationTest {
-    /// Two-sided p value: twice the smaller tail, at most 1; 1 where a value is not finite.
+    /// Two-sided p value: twice the smaller tail, at most 1; 1 if a value is not finite.
     pub p: f64,
     /// The smallest p that this many seeds can reach with any values.
     pub smallest_p: f64,
-    /// False where there are too many rearrangements to list and [`PermutationTest::p`] is an estimate from
-    /// random ones.
+    /// False if there are too many rearrangements to list, and [`PermutationTest::p`] is an estimate from random ones.
     pub exact: bool,
 }
 
 impl PermutationTest {
-    /// The remark that no result at all could be significant at `alpha`, where that is so.
+    /// The remark that no result at all could be significant at `alpha`, if that is so.
     #[must_use]
     pub fn note(&self, alpha: f64) -> Option<String> {
         (self.smallest_p > alpha).then(|| {
@@ -124,7 +123,7 @@ struct Tails {
 }
 
 impl Tails {
-    /// `size` is the largest magnitude of the statistic; sums that differ by rounding only count as equal.
+    /// `size` is the largest magnitude of the statistic; sums that differ only by rounding count as equal.
     fn new(observed: f64, size: f64) -> Self {
         Self {
             observed,
@@ -175,7 +174,7 @@ pub fn sign_flip_test(differences: &[f64]) -> PermutationTest {
         tails.count(
             values
                 .iter()
-                // A product, since no processor foresees a branch by chance.
+                // A product, since no processor can predict a random branch.
                 .map(|value| value * [1.0, -1.0][below(2, &mut rng)])
                 .sum(),
         );
@@ -183,9 +182,8 @@ pub fn sign_flip_test(differences: &[f64]) -> PermutationTest {
     PermutationTest::estimated(tails, smallest_p)
 }
 
-/// Permutation test of two independent samples against equal means: all splits, or 100 000 random ones where
-/// there are more than 2^20, from the stream `["statistics", "permutation"]`. The smallest reachable p is 2
-/// over their number.
+/// Permutation test of two independent samples against equal means: all splits, or 100 000 random ones if there are
+/// more than 2^20, from the stream `["statistics", "permutation"]`. The smallest reachable p is 2 over their number.
 #[must_use]
 pub fn two_sample_permutation_test(left: &[f64], right: &[f64]) -> PermutationTest {
     let mut pooled = [sorted(left), sorted(right)].concat();

@@ -1,7 +1,7 @@
 //! Point estimates of one value per seed, and of a suite of tasks with several seeds each.
 //!
-//! All of them return NaN where there are too few values, and none depends on the order of the values: sums
-//! run over the sorted values.
+//! All of them return NaN if there are too few values, and none depends on the order of the values, since sums run over
+//! the sorted values.
 
 /// `values` in ascending order.
 pub(super) fn sorted(values: &[f64]) -> Vec<f64> {
@@ -10,7 +10,7 @@ pub(super) fn sorted(values: &[f64]) -> Vec<f64> {
     sorted
 }
 
-/// Arithmetic mean; exact where all values are equal.
+/// Arithmetic mean; exact if all values are equal.
 #[must_use]
 pub fn mean(values: &[f64]) -> f64 {
     mean_of_sorted(&sorted(values))
@@ -59,7 +59,7 @@ pub fn median(values: &[f64]) -> f64 {
     quantile(values, 0.5)
 }
 
-/// Interquartile mean: the mean without the `floor(n / 4)` smallest and as many largest values, as SciPy's
+/// Interquartile mean: the mean without the `floor(n / 4)` smallest and as many largest values, like SciPy's
 /// `trim_mean(values, 0.25)` (Agarwal et al. 2021, arXiv:2108.13264, section 4.3).
 #[must_use]
 pub fn iqm(values: &[f64]) -> f64 {
@@ -75,7 +75,7 @@ pub fn quantile(values: &[f64], probability: f64) -> f64 {
     quantile_of_sorted(&sorted(values), probability)
 }
 
-/// [`quantile`] of values that are in ascending order already.
+/// [`quantile`] of values that are already in ascending order.
 pub(super) fn quantile_of_sorted(sorted: &[f64], probability: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else {
         return f64::NAN;
@@ -100,8 +100,8 @@ pub fn suite_median(tasks: &[Vec<f64>]) -> f64 {
     median(&task_means(tasks))
 }
 
-/// Interquartile mean of all seeds of all tasks together, shape as in [`suite_mean`]. Where tasks have unequal
-/// numbers of seeds each task weighs the same: a quarter of the weight is cut from either end.
+/// Interquartile mean of all seeds of all tasks together, shape as in [`suite_mean`]. If tasks have unequal numbers of
+/// seeds, all tasks have the same weight: a quarter of the weight is cut from either end.
 #[must_use]
 pub fn suite_iqm(tasks: &[Vec<f64>]) -> f64 {
     let alike = tasks.windows(2).all(|pair| pair[0].len() == pair[1].len());
@@ -126,8 +126,8 @@ pub fn suite_iqm(tasks: &[Vec<f64>]) -> f64 {
     2.0 * sum
 }
 
-/// Mean over tasks of the average distance of a task's seeds below `target`, where values above count as `target`
-/// (Agarwal et al. 2021, arXiv:2108.13264, section 4.3); shape as in [`suite_mean`].
+/// Mean over tasks of the average distance of a task's seeds below `target`; values above count as `target` (Agarwal et
+/// al. 2021, arXiv:2108.13264, section 4.3); shape as in [`suite_mean`].
 #[must_use]
 pub fn suite_optimality_gap(tasks: &[Vec<f64>], target: f64) -> f64 {
     let capped =
@@ -164,7 +164,7 @@ mod tests {
         // 3, 4 and the half of 8: (3 / 4 + 4 / 8 + 8 / 8) / (1 / 2).
         let tasks = [vec![3.0, 8.0], vec![1.0, 2.0, 4.0, 10.0]];
         assert_close(suite_iqm(&tasks), 2.0 * (0.75 + 0.5 + 1.0), 1e-12);
-        // Every seed twice says nothing new.
+        // Counting every seed twice changes nothing.
         let doubled = [tasks[0].repeat(2), tasks[1].clone()];
         assert_close(suite_iqm(&doubled), iqm(&doubled.concat()), 1e-12);
         assert_close(suite_iqm(&doubled), suite_iqm(&tasks), 1e-12);
@@ -198,7 +198,7 @@ mod tests {
 
     #[test]
     fn gaps_and_profiles_by_hand() {
-        // The first task misses 1 by 0.5 and 0, where the excess of 3 counts nothing; the second by 1 and 2.
+        // The first task misses 1 by 0.5 and 0, since the excess of 3 does not count; the second by 1 and 2.
         let tasks = [vec![0.5, 3.0], vec![0.0, -1.0]];
         assert_eq!(suite_optimality_gap(&tasks, 1.0), 0.875);
         assert_eq!(

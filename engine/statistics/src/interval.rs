@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// An interval with the confidence level it was made for.
+/// An interval with its confidence level.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
     /// Lower end.

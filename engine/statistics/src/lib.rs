@@ -1,11 +1,11 @@
 //! Statistics over seeds: estimates with intervals, comparisons, and verdicts on published values and on
 //! claims.
 //!
-//! Everything here is a pure function of plain numbers: the same numbers give the same result, whatever the order of
-//! the seeds. Resampling and random permutation draw from a stream with a fixed name.
+//! Everything here is a pure function of plain numbers: the same numbers give the same result, in whatever order the
+//! seeds come. Resampling and random permutation draw from a stream with a fixed name.
 //!
-//! A **seed** is a replicate; an episode never is. One seed gives one number (its mean over episodes) before
-//! anything of this module sees it. A seed that occurs twice counts once, with the mean of its values.
+//! A **seed** is a replicate; an episode never is. One seed gives one number (its mean over episodes) before it reaches
+//! this module. A seed that occurs twice counts once, with the mean of its values.
 
 pub mod binomial;
 pub mod bootstrap;
@@ -63,7 +63,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Summarises one value per seed; `None` where there is no seed.
+    /// Summarises one value per seed; `None` if there is no seed.
     #[must_use]
     pub fn of(values: &[f64]) -> Option<Self> {
         (!values.is_empty()).then(|| Self {
@@ -103,8 +103,8 @@ mod tests {
         value.as_array().unwrap().iter().map(numbers).collect()
     }
 
-    /// Panics unless the ends of an interval lie as near to those of the reference as other random numbers
-    /// allow: `step` is the unit of the statistic.
+    /// Panics unless the ends of an interval are as close to those of the reference as other random numbers allow;
+    /// `step` is the unit of the statistic.
     pub(super) fn assert_interval(interval: Option<Interval>, expected: &serde_json::Value, step: f64) {
         let (interval, ends) = (interval.unwrap(), numbers(expected));
         let tolerance = 0.025 * (ends[1] - ends[0]) + step;

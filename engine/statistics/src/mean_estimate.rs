@@ -8,15 +8,14 @@ use super::{
 };
 use serde::{Deserialize, Serialize};
 
-/// No verdict asks for more seeds than this in all.
+/// Largest total number of seeds that a verdict asks for.
 pub const MOST_SEEDS: u32 = 1000;
 
 /// The mean of one sample, or the difference between the means of two independent samples, with the numbers that its
 /// interval needs.
 ///
-/// The standard error is `sqrt(sum of s^2 / n)` over the samples and the degrees of freedom are those of
-/// Welch and Satterthwaite, `(sum of s^2 / n)^2 / sum of (s^2 / n)^2 / (n - 1)`: for one sample the familiar
-/// `n - 1`.
+/// The standard error is `sqrt(sum of s^2 / n)` over the samples. The degrees of freedom are those of Welch and
+/// Satterthwaite, `(sum of s^2 / n)^2 / sum of (s^2 / n)^2 / (n - 1)`, which is `n - 1` for one sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeanEstimate {
     /// The mean or the difference of means.
@@ -34,11 +33,11 @@ struct Sample {
 /// Origin of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum SampleOrigin {
-    /// Seeds of a study, which may have more.
+    /// Seeds of a study, which may run more of them.
     Seeds,
-    /// Runs of others, to which none can be added.
+    /// Imported runs, to which none can be added.
     Runs,
-    /// Runs of others that only published their mean and spread.
+    /// Published runs with known mean and spread only.
     Published,
 }
 
@@ -51,8 +50,8 @@ impl Sample {
         }
     }
 
-    /// The squared standard error of its mean if it had `more` seeds more, where it can grow, and that number
-    /// less one.
+    /// The squared standard error of its mean if it had `more` additional seeds, provided that it can grow, and the
+    /// number of its seeds less one.
     fn error_with(&self, more: u32) -> (f64, f64) {
         let grows = self.source == SampleOrigin::Seeds;
         let n = count(self.n) + if grows { f64::from(more) } else { 0.0 };
@@ -60,14 +59,14 @@ impl Sample {
     }
 }
 
-/// A mean that others published with its spread over seeds.
+/// A published mean with its spread over seeds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PublishedMean {
     /// Mean over seeds.
     pub value: f64,
     /// Sample standard deviation over seeds (divisor n - 1), not a standard error.
     pub sd: f64,
-    /// Seeds it rests on: two or more.
+    /// Number of seeds behind it: two or more.
     pub n: u32,
 }
 
@@ -81,7 +80,7 @@ impl MeanEstimate {
         }
     }
 
-    /// `mean(left) - mean(right)` of samples that share nothing (Welch 1947).
+    /// `mean(left) - mean(right)` of independent samples (Welch 1947).
     #[must_use]
     pub fn difference(left: &[f64], right: &[f64]) -> Self {
         Self {
@@ -90,7 +89,7 @@ impl MeanEstimate {
         }
     }
 
-    /// The same where these samples, in their order, are runs of others, to which none can be added.
+    /// The same estimate with these samples, in their order, marked as runs to which none can be added.
     #[must_use]
     pub fn of_others(mut self, others: &[bool]) -> Self {
         for (sample, _) in self.samples.iter_mut().zip(others).filter(|(_, others)| **others) {
@@ -99,8 +98,8 @@ impl MeanEstimate {
         self
     }
 
-    /// `mean(values)` less a mean that was published with its spread (Welch 1947). More seeds change our
-    /// sample only, so that the interval never becomes narrower than the published spread allows.
+    /// `mean(values)` minus a mean that was published with its spread (Welch 1947). More seeds change only the sample
+    /// of the study, so the interval never becomes narrower than the published spread allows.
     #[must_use]
     pub fn against_published(values: &[f64], published: PublishedMean) -> Self {
         let theirs = Sample {
@@ -114,7 +113,7 @@ impl MeanEstimate {
         }
     }
 
-    /// Seeds in the smaller sample, published ones not counted.
+    /// Number of seeds in the smaller sample, not counting published ones.
     #[must_use]
     pub fn n(&self) -> usize {
         let counted = self
@@ -130,8 +129,7 @@ impl MeanEstimate {
         self.samples.iter().all(|sample| sample.variance == 0.0)
     }
 
-    /// The Student-t interval at `level`; `None` where a sample has fewer than two seeds or a value is not
-    /// finite.
+    /// The Student-t interval at `level`; `None` if a sample has fewer than two seeds or a value is not finite.
     #[must_use]
     pub fn interval(&self, level: f64) -> Option<Interval> {
         let half = self.half_width(level, 0);
@@ -150,7 +148,7 @@ impl MeanEstimate {
         self.interval(1.0 - 2.0 * nominal)
     }
 
-    /// Degrees of freedom of the interval; NaN where there is no spread.
+    /// Degrees of freedom of the interval; NaN if there is no spread.
     #[must_use]
     pub fn degrees_of_freedom(&self) -> f64 {
         self.degrees_of_freedom_with(0)
@@ -165,7 +163,7 @@ impl MeanEstimate {
         sum * sum / squares
     }
 
-    /// Half the width of the interval if each sample had `more` seeds more and the same spread.
+    /// Half the width of the interval if each sample had `more` additional seeds and the same spread.
     fn half_width(&self, level: f64, more: u32) -> f64 {
         if self.has_no_spread() {
             return 0.0;
@@ -182,10 +180,9 @@ impl MeanEstimate {
             .sqrt()
     }
 
-    /// About how many more seeds make the interval clear the edges of `room` with probability `wanted`, each
-    /// of its ends being a bound at the one-sided level `nominal`, if the true value and spread are the
-    /// estimated ones; `None` where more than [`MOST_SEEDS`] in all would be needed, and where the spread is
-    /// not known.
+    /// Approximate number of further seeds with which the interval clears the edges of `room` with probability
+    /// `wanted`, if the true value and spread are the estimated ones; each of its ends is a bound at the one-sided
+    /// level `nominal`. `None` if more than [`MOST_SEEDS`] in total would be needed, or if the spread is not known.
     #[must_use]
     pub fn more_seeds_for_power(&self, room: Room, nominal: f64, wanted: f64) -> Option<u32> {
         let power_with = |more| {
@@ -199,7 +196,7 @@ impl MeanEstimate {
         fewest(1, self.most_more(), |more| power_with(more) >= wanted)
     }
 
-    /// How many seeds may be added until the largest sample that can grow has [`MOST_SEEDS`].
+    /// Number of seeds that may be added until the largest sample that can grow has [`MOST_SEEDS`].
     fn most_more(&self) -> u32 {
         let growing = self
             .samples
@@ -295,8 +292,7 @@ mod tests {
         }
     }
 
-    /// No number of our seeds makes up for a published mean of wide spread; without spread it is a known
-    /// value.
+    /// No number of seeds compensates for a published mean with a wide spread; without spread it is a known value.
     #[test]
     fn published_samples_do_not_grow() {
         let (ours, published) = (
@@ -321,8 +317,8 @@ mod tests {
         );
     }
 
-    /// Standard deviation 1, distance 1: by statsmodels a power of 0.8 at 5 % one-sided takes 7.73 seeds in
-    /// all.
+    /// Standard deviation 1, distance 1: according to statsmodels, a power of 0.8 at 5 % one-sided takes 7.73 seeds in
+    /// total.
     #[test]
     fn seeds_for_power_in_one_sample_and_two() {
         let one = MeanEstimate::of(&[9.0, 10.0, 11.0]);

@@ -1,15 +1,15 @@
 //! The standard normal distribution: density, cumulative probability, upper tail and quantile.
 //!
-//! The upper tail is one half less the series of Abramowitz and Stegun 26.2.11 up to 3, and their continued
-//! fraction 26.2.14 beyond. The quantile starts at their rational approximation 26.2.23 (error below 4.5e-4)
-//! and takes steps of Halley, each of which about triples the number of right digits. Relative errors are
-//! below 1e-13 out to eight standard deviations, also in the tail, and below 1e-12 as far as the tail has all
-//! digits of a float (37); quantiles near 0 have an absolute error below 1e-16.
+//! The upper tail is one half minus the series of Abramowitz and Stegun 26.2.11 up to 3, and their continued fraction
+//! 26.2.14 beyond. The quantile starts at their rational approximation 26.2.23 (error below 4.5e-4) and takes steps of
+//! Halley, each of which about triples the number of right digits. Relative errors are below 1e-13 out to eight
+//! standard deviations, even in the tail, and below 1e-12 as far as the tail has all digits of a float (37); quantiles
+//! near 0 have an absolute error below 1e-16.
 
 use std::f64::consts::TAU;
 
-/// Up to here the series is used; the difference it makes there is still a thousandth, and loses three
-/// digits.
+/// Largest value for which the series is used; the difference that it computes there is still a thousandth, and loses
+/// three digits.
 const SERIES_ENDS: f64 = 3.0;
 /// Terms of the continued fraction: enough at [`SERIES_ENDS`], where it is slowest.
 const FRACTION_TERMS: u32 = 80;

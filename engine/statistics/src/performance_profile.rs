@@ -1,8 +1,8 @@
 //! Performance profiles: the share of runs above a score, as a curve over scores.
 //!
-//! Agarwal et al. 2021, arXiv:2108.13264, section 4.2: the run-score distribution, the share of runs whose
-//! normalised score is larger than tau. Tasks are weighted alike, which is their share over all runs where
-//! every task has as many seeds.
+//! Agarwal et al. 2021, arXiv:2108.13264, section 4.2: the run-score distribution, the share of runs whose normalised
+//! score is larger than tau. Tasks have equal weights, which gives the share over all runs if every task has the same
+//! number of seeds.
 //!
 //! | paper | here |
 //! |---|---|
@@ -15,8 +15,8 @@ use super::{
     suite_statistic::Estimate,
 };
 
-/// The profile at some rising thresholds with pointwise bootstrap intervals, all of the same resamples;
-/// `tasks[k]` holds the scores of the seeds of task `k`.
+/// The profile at some rising thresholds with pointwise bootstrap intervals, all from the same resamples; `tasks[k]`
+/// holds the scores of the seeds of task `k`.
 #[must_use]
 pub fn performance_profile(tasks: &[Vec<f64>], thresholds: &[f64], bootstrap: Bootstrap) -> Vec<Estimate> {
     let intervals = bootstrap.pointwise(tasks, |tasks| shares_above(tasks, thresholds));
@@ -28,8 +28,7 @@ pub fn performance_profile(tasks: &[Vec<f64>], thresholds: &[f64], bootstrap: Bo
         .collect()
 }
 
-/// The mean over tasks of the share of seeds above each of some rising thresholds; NaN where a task has no
-/// seed.
+/// The mean over tasks of the share of seeds above each of some rising thresholds; NaN if a task has no seed.
 fn shares_above(tasks: &[Vec<f64>], thresholds: &[f64]) -> Vec<f64> {
     let sorted: Vec<Vec<f64>> = tasks.iter().map(|seeds| sorted(seeds)).collect();
     let share = |seeds: &Vec<f64>, threshold: f64| {

@@ -1,35 +1,33 @@
-//! How many seeds a study needs: the power of Student-t intervals, and the number of seeds that gives a
-//! wanted power.
+//! Number of seeds that a study needs: the power of Student-t intervals, and the number of seeds that gives a wanted
+//! power.
 //!
-//! An interval decides where it clears the edges it is laid against: one edge for a direction or a
-//! difference, both edges of a band for equivalence. If the truth is what was estimated, the chance of that
-//! after n seeds is `E[Phi(above - t U) - Phi(t U - below)]`, with the distances in standard errors, `t` the
-//! quantile of the interval and `U = s / sigma` the ratio of the spread that will be seen to the true one, a
-//! chi variable over the root of its degrees of freedom. For one edge this is the noncentral t distribution,
-//! for two it is the exact power of the two one-sided tests (Phillips 1990, doi:10.1007/BF01063556); for two
-//! samples of unequal spread the degrees of freedom are approximate. The integral over `U` is done
-//! numerically, with an error below 1e-9 for two and more degrees of freedom.
+//! An interval decides when it clears its edges: one edge for a direction or a difference, both edges of a band for
+//! equivalence. If the true values are the estimated ones, the probability of that after n seeds is `E[Phi(above - t U)
+//! - Phi(t U - below)]`, with the distances in standard errors, `t` the quantile of the interval and `U = s / sigma`
+//! the ratio of the observed spread to the true one, a chi variable over the root of its degrees of freedom. For one
+//! edge this is the noncentral t distribution, for two it is the exact power of the two one-sided tests (Phillips 1990,
+//! doi:10.1007/BF01063556); for two samples of unequal spread the degrees of freedom are approximate. The integral over
+//! `U` is done numerically, with an error below 1e-9 for two and more degrees of freedom.
 //!
-//! A number of seeds that rests on an estimated mean and spread is an estimate itself: that many would suffice if both
-//! were right.
+//! A number of seeds that is based on an estimated mean and spread is itself an estimate: it would suffice if both were
+//! exact.
 
 use super::{normal, quadrature, student_t};
 
 /// The default power.
 pub const POWER: f64 = 0.8;
 
-/// Distances from an estimate to the edges that the ends of its interval must not reach; infinite where there
-/// is no edge.
+/// Distances from an estimate to the edges that the ends of its interval must not reach; infinite if there is no edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Room {
-    /// Distance to the edge below; negative where the estimate lies beyond it.
+    /// Distance to the edge below; negative if the estimate lies beyond it.
     pub below: f64,
-    /// Distance to the edge above; negative where the estimate lies beyond it.
+    /// Distance to the edge above; negative if the estimate lies beyond it.
     pub above: f64,
 }
 
 impl Room {
-    /// A single edge at `distance`, on whichever side.
+    /// A single edge at `distance`, on either side.
     #[must_use]
     pub fn to_edge(distance: f64) -> Self {
         Self {
@@ -56,10 +54,9 @@ impl Room {
     }
 }
 
-/// Probability that an interval clears the edges, each of its ends being a bound at the one-sided level
-/// `nominal`.
+/// Probability that an interval clears the edges; each of its ends is a bound at the one-sided level `nominal`.
 ///
-/// `room` belongs to the true value and is counted in `error`, the true standard error. NaN unless
+/// `room` is measured from the true value, in the unit of `error`, the true standard error. NaN unless
 /// `degrees_of_freedom >= 1` and `0 < nominal < 1/2`.
 #[must_use]
 pub fn power(room: Room, error: f64, degrees_of_freedom: f64, nominal: f64) -> f64 {
@@ -69,25 +66,25 @@ pub fn power(room: Room, error: f64, degrees_of_freedom: f64, nominal: f64) -> f
         return f64::NAN;
     }
     let spread = SpreadRatio { degrees_of_freedom };
-    // With a larger ratio the interval is wider than the band, or all but surely crosses the edge.
+    // With a larger ratio the interval is wider than the band, or almost certainly crosses the edge.
     let largest = f64::midpoint(below, above).min(below.min(above) + FARTHEST) / t;
     let clear = |ratio: f64| normal::cdf(above - t * ratio) - normal::cdf(t * ratio - below);
     spread.integral(largest, 1.0 / t, clear) / spread.integral(f64::INFINITY, f64::INFINITY, |_| 1.0)
 }
 
-/// The smallest number of seeds after which the interval of a mean clears one edge with probability `wanted`,
-/// if the true mean lies at `distance` from it and the true standard deviation is `sd`; `None` where more
-/// than `most` would be needed.
+/// The smallest number of seeds after which the interval of a mean clears one edge with probability `wanted`, if the
+/// true mean lies at `distance` from it and the true standard deviation is `sd`; `None` if more than `most` would be
+/// needed.
 ///
-/// This is the number for a direction and for a value that differs. It is an estimate where `distance` and
-/// `sd` are.
+/// This is the number for a direction and for a value that differs. It is an estimate if `distance` and `sd` are
+/// estimates.
 #[must_use]
 pub fn seeds_for_power(distance: f64, sd: f64, alpha_one_sided: f64, wanted: f64, most: u32) -> Option<u32> {
     seeds_for_room(Room::to_edge(distance), sd, alpha_one_sided, wanted, most)
 }
 
-/// As [`seeds_for_power`], for an interval that must clear every edge of `room`: with [`Room::in_band`] the
-/// number for equivalence.
+/// Like [`seeds_for_power`], for an interval that must clear every edge of `room`: with [`Room::in_band`] the number
+/// for equivalence.
 #[must_use]
 pub fn seeds_for_room(room: Room, sd: f64, alpha_one_sided: f64, wanted: f64, most: u32) -> Option<u32> {
     let power_with = |n: u32| {
@@ -101,8 +98,8 @@ pub fn seeds_for_room(room: Room, sd: f64, alpha_one_sided: f64, wanted: f64, mo
     fewest(2, most, |n| power_with(n) >= wanted)
 }
 
-/// The smallest number from `least` to `most` that is enough, where every larger one is too; found by
-/// halving.
+/// The smallest number from `least` to `most` that is enough, found by bisection; every larger number must be enough
+/// too.
 pub(super) fn fewest(least: u32, most: u32, enough: impl Fn(u32) -> bool) -> Option<u32> {
     if least > most || !enough(most) {
         return None;
@@ -119,7 +116,7 @@ pub(super) fn fewest(least: u32, most: u32, enough: impl Fn(u32) -> bool) -> Opt
     Some(high)
 }
 
-/// Standard deviations beyond which nothing is integrated.
+/// Number of standard deviations beyond which the integral is cut off.
 const FARTHEST: f64 = 9.0;
 
 /// The distribution of the standard deviation of a sample over that of its population.
@@ -128,8 +125,8 @@ struct SpreadRatio {
 }
 
 impl SpreadRatio {
-    /// Integral of the density times `function` up to `largest`, but for a constant factor. `function`
-    /// changes over lengths of `scale`.
+    /// Integral of the density times `function` up to `largest`, up to a constant factor. `function` changes over
+    /// lengths of `scale`.
     fn integral(&self, largest: f64, scale: f64, function: impl Fn(f64) -> f64) -> f64 {
         let sd = (2.0 * self.degrees_of_freedom).sqrt().recip();
         let (low, high) = ((1.0 - FARTHEST * sd).max(0.0), (1.0 + FARTHEST * sd).min(largest));
@@ -137,7 +134,7 @@ impl SpreadRatio {
         quadrature::points(low, high, sd.min(scale)).map(term).sum()
     }
 
-    /// Density but for a constant factor, by which it is 1 at 1.
+    /// Density up to a constant factor, scaled to be 1 at 1.
     fn density(&self, ratio: f64) -> f64 {
         let v = self.degrees_of_freedom;
         ((v - 1.0) * ratio.ln() - v * (ratio * ratio - 1.0) / 2.0).exp()
@@ -153,7 +150,7 @@ mod tests {
     };
     use proptest::prelude::*;
 
-    /// Distance, standard deviation, n, level, power.
+    /// Each case has the distance, standard deviation, n, level and power.
     #[test]
     fn one_edge_agrees_with_the_noncentral_t_distribution_of_scipy() {
         for case in sequential_reference()["power"]["one_edge"]
@@ -217,8 +214,7 @@ mod tests {
         );
     }
 
-    /// The share of simulated studies that end REPRODUCED with the number of seeds asked for and with one
-    /// fewer.
+    /// The share of simulated studies that end REPRODUCED with the computed number of seeds and with one fewer.
     #[test]
     fn the_number_for_equivalence_is_right_in_four_of_five_studies() {
         let (low, high) = (-1.0, 1.4);

@@ -1,7 +1,7 @@
 //! Numerical integration: Gauss and Legendre's rule with eight points on each of several panels.
 //!
-//! A panel as wide as two standard deviations of a normal density is integrated to a relative error of about
-//! 1e-9, one of a single standard deviation to rounding.
+//! On a panel as wide as two standard deviations of a normal density, the relative error is about 1e-9; on one of a
+//! single standard deviation it is rounding error.
 
 /// Abscissas of the rule on [-1, 1] with their weights (DLMF 3.5.v).
 const RULE: [(f64, f64); 8] = [
@@ -15,10 +15,10 @@ const RULE: [(f64, f64); 8] = [
     (0.960_289_856_497_536_3, 0.101_228_536_290_376_3),
 ];
 
-/// Rising points with their weights, for an integral from `low` to `high` over equal panels of at most the
-/// width `widest`; none where `high` is not above `low`.
+/// Rising points with their weights, for an integral from `low` to `high` over equal panels of at most the width
+/// `widest`; none if `high` is not above `low`.
 pub(super) fn points(low: f64, high: f64, widest: f64) -> impl Iterator<Item = (f64, f64)> {
-    // Far below 2^32: the callers' ranges are some tens of panels wide.
+    // The number is far below 2^32: the callers' ranges are some tens of panels wide.
     let panels = ((high - low) / widest).ceil().max(0.0) as u32;
     let half = (high - low) / f64::from(panels) / 2.0;
     (0..panels).flat_map(move |panel| {

@@ -1,16 +1,16 @@
 //! Spearman's rank correlation of paired values, and its interval.
 //!
-//! Spearman 1904, "The proof and measurement of association between two things". Equal values share the mean of
-//! their ranks; the correlation is Pearson's of the ranks. The interval is that of a bootstrap over the pairs,
-//! percentiles of 10 000 resamples (Efron and Tibshirani 1993, chapter 13); its indices come from the stream
-//! `["statistics", "rank correlation"]`, opened anew, so that it is a function of the pairs alone.
+//! Spearman 1904, "The proof and measurement of association between two things". Equal values share the mean of their
+//! ranks; the correlation is Pearson's of the ranks. The interval comes from a bootstrap over the pairs, percentiles of
+//! 10 000 resamples (Efron and Tibshirani 1993, chapter 13). Its indices come from the stream `["statistics", "rank
+//! correlation"]`, which is opened again, so that it is a function of the pairs alone.
 
 use super::{Interval, bootstrap::below, estimators::quantile};
 use contract::random::stream;
 
 const RESAMPLES: usize = 10_000;
 
-/// The correlation of the pairs' ranks, within -1 and 1; `None` below two pairs and where all values of one side are
+/// The correlation of the pairs' ranks, within -1 and 1; `None` below two pairs, or if all values of one side are
 /// equal.
 #[must_use]
 pub fn rank_correlation(pairs: &[(f64, f64)]) -> Option<f64> {
@@ -23,14 +23,14 @@ pub fn rank_correlation(pairs: &[(f64, f64)]) -> Option<f64> {
     (scale > 0.0).then(|| product(&one, &other) / scale)
 }
 
-/// The 95 % interval of [`rank_correlation`]; `None` below three pairs and where it has no value.
+/// The 95 % interval of [`rank_correlation`]; `None` below three pairs, or if that has no value.
 #[must_use]
 pub fn rank_correlation_interval(pairs: &[(f64, f64)]) -> Option<Interval> {
     if pairs.len() < 3 || rank_correlation(pairs).is_none() {
         return None;
     }
     let mut rng = stream(&["statistics", "rank correlation"]);
-    // A resample of one pair alone has no correlation, and is left out.
+    // A resample that repeats a single pair has no correlation, and is left out.
     let resampled: Vec<f64> = (0..RESAMPLES)
         .filter_map(|_| {
             let drawn: Vec<(f64, f64)> = (0..pairs.len())
@@ -78,7 +78,7 @@ mod tests {
         assert_eq!(ranks(&[0.0, -0.0]), [1.5, 1.5]);
     }
 
-    /// By hand: differences of ranks 1, 1, 0 give 1 - 6 * 2 / (3 * 8); with ties as `scipy.stats.spearmanr` gives it.
+    /// By hand: differences of ranks 1, 1, 0 give 1 - 6 * 2 / (3 * 8); with ties, the value of `scipy.stats.spearmanr`.
     #[test]
     fn correlations_by_hand() {
         let close = |found: Option<f64>, expected: f64| {

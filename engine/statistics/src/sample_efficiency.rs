@@ -12,11 +12,11 @@ use super::{
 
 pub use super::common_steps::StepSeries;
 
-/// Intervals are made at so many steps at most, or at those that `thinning` keeps.
+/// Largest number of steps with intervals; with more, only those that `thinning` keeps have one.
 const MOST_INTERVALS: usize = 1000;
 
-/// The interquartile mean at the common steps of all runs; `tasks[k]` holds the runs of task `k`. Empty where there is
-/// no such step, or a task has no run.
+/// The interquartile mean at the common steps of all runs; `tasks[k]` holds the runs of task `k`. Empty if there is no
+/// such step, or a task has no run.
 #[must_use]
 pub fn sample_efficiency(tasks: &[Vec<StepSeries>], bootstrap: Bootstrap) -> Vec<(u64, Estimate)> {
     if tasks.iter().any(Vec::is_empty) {
@@ -89,7 +89,7 @@ mod tests {
         let points = sample_efficiency(&tasks, Bootstrap::CURVE);
         let steps: Vec<u64> = points.iter().map(|(step, _)| *step).collect();
         assert_eq!(steps, [0, 5, 10]);
-        // The second run holds the 0 of step 0.
+        // The second run keeps the 0 of step 0.
         assert_close(
             points[1].1.value,
             SuiteStatistic::InterquartileMean.of(&[vec![5.0, 0.0], vec![5.0]]),

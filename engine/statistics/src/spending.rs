@@ -7,35 +7,34 @@
 //! of earlier results (repeated confidence intervals, Jennison and Turnbull 1989, Journal of the Royal Statistical
 //! Society B 51, 305-361).
 //!
-//! The boundaries follow from the recursive integration of Armitage, McPherson and Rowe (1969,
-//! doi:10.2307/2343787) for normal increments. Levels have a relative error below 1e-7. They hold for normal
-//! data of known spread; by way of Student's t, a nominal level p becomes the quantile `t(1 - p, n - 1)`,
-//! they hold closely for few seeds too.
+//! The boundaries follow from the recursive integration of Armitage, McPherson and Rowe (1969, doi:10.2307/2343787) for
+//! normal increments. Levels have a relative error below 1e-7. They hold for normal data of known spread. By way of
+//! Student's t, a nominal level p becomes the quantile `t(1 - p, n - 1)`, so they hold closely for few seeds too.
 //!
 //! | equation | here                                                              |
 //! |----------|-------------------------------------------------------------------|
 //! | t        | `time`: share of the seeds of the last look                       |
 //! | S(t)     | Brownian motion without drift: sum of the seeds so far, scaled    |
 //! | Z(t)     | `S(t) / sqrt(t)`, the statistic of a look, standard normal        |
-//! | c        | `boundary`: what `Z` must reach                                   |
+//! | c        | `boundary`: the value that `Z` must reach                         |
 
 use super::{normal, quadrature};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::E;
 
-/// Less than 1e-10 of a standard normal distribution lies below.
+/// Lower end of the integrals; less than 1e-10 of a standard normal distribution lies below.
 const LOWEST: f64 = -6.4;
-/// Increments of more standard deviations than this are left out.
+/// Largest increment in standard deviations; larger ones are left out.
 const FARTHEST: f64 = 10.0;
 
-/// Planned numbers of seeds, rising; the last is the largest. It is written as the list of these numbers.
+/// Planned numbers of seeds, rising; the last is the largest. It is serialised as the list of these numbers.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<u32>", into = "Vec<u32>")]
 pub struct SequentialDesign {
     looks: Vec<u32>,
 }
 
-/// Why numbers of seeds are no design.
+/// Reason why numbers of seeds are no design.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum DesignError {
     /// The list of looks is empty.
@@ -87,8 +86,8 @@ impl SequentialDesign {
     ///
     /// # Panics
     ///
-    /// Without a look, where looks do not rise and where the first of several has fewer than two seeds;
-    /// `try_from` is for numbers that are not known to be right.
+    /// If there is no look, looks do not rise, or the first of several has fewer than two seeds; use `try_from` for
+    /// numbers that are not known to be valid.
     #[must_use]
     pub fn new(looks: Vec<u32>) -> Self {
         match Self::try_from(looks) {
@@ -103,7 +102,7 @@ impl SequentialDesign {
         Self { looks: vec![n] }
     }
 
-    /// Numbers of seeds at which the study may be looked at.
+    /// Numbers of seeds at which the results may be tested.
     #[must_use]
     pub fn looks(&self) -> &[u32] {
         &self.looks
@@ -150,7 +149,7 @@ fn spent(alpha: f64, time: f64) -> f64 {
     alpha * ((E - 1.0) * time).ln_1p()
 }
 
-/// The paths that have not crossed at any look so far: the density of `Z` on the rising points of a quadrature, times
+/// The paths that have not crossed at any look so far: the density of `Z` at the rising points of a quadrature, times
 /// their weights.
 struct Paths {
     time: f64,
@@ -166,12 +165,11 @@ impl Paths {
         }
     }
 
-    /// The boundary at `time`: the share of all paths that reach it for the first time there is the level spent between
+    /// The boundary at `time`: the share of all paths that reach it there for the first time is the level spent between
     /// the looks.
     fn boundary(&self, time: f64, alpha: f64) -> f64 {
         let newly = spent(alpha, time) - spent(alpha, self.time);
-        // Among the paths that are high enough now are all that cross now, and not all of them cross for the
-        // first time.
+        // The paths that are high enough now include all that cross now, but not all of them cross for the first time.
         let (mut low, mut high) = (-normal::quantile(spent(alpha, time)), -normal::quantile(newly));
         let mut boundary = low;
         // The share is convex, so that Newton's method from below neither overshoots nor needs ten steps.
@@ -272,7 +270,7 @@ mod tests {
         assert_eq!(cases.len(), 17);
     }
 
-    /// The same integrals on a grid of far more points: the accuracy that is promised above.
+    /// The same integrals on a much finer grid, which shows the accuracy stated above.
     #[test]
     fn levels_agree_with_a_fine_grid() {
         for case in sequential_reference()["spending"].as_array().unwrap() {
@@ -333,7 +331,7 @@ mod tests {
         LOOKS.into_iter().zip(levels).map(half_width).collect()
     }
 
-    /// Whether the first interval that lies inside or outside the band lies inside, and after how many seeds.
+    /// Whether the first interval that lies inside or outside the band lies inside, and the number of seeds by then.
     fn decide(rule: &[(usize, f64)], moments: &[(f64, f64)], low: f64, high: f64) -> (bool, usize) {
         for &(n, half_width) in rule {
             let (mean, sd) = moments[n - 1];
@@ -366,9 +364,9 @@ mod tests {
 
     const LOOKS: [u32; 6] = [5, 10, 15, 20, 25, 30];
 
-    /// The share of studies that a rule calls reproduced though the truth lies exactly at the edge of the band, with
-    /// margins of half a standard deviation, one and two, and the mean number of seeds where the truth is the published
-    /// value, margin one.
+    /// The share of studies that a rule calls reproduced although the true value lies exactly at the edge of the band,
+    /// with margins of half a standard deviation, one and two, and the mean number of seeds if the true value is the
+    /// published one, with margin one.
     fn operating_characteristics(levels: &[f64]) -> ([f64; 3], f64) {
         let (rule, runs) = (rule(levels), 60_000);
         let mut rng = contract::random::stream(&["test", "sequential equivalence"]);
@@ -410,8 +408,8 @@ mod tests {
     }
 
     proptest! {
-        /// Never more than the level that may be spent by then, never less than the level spent there, and all of them
-        /// together more than the whole, since crossings at several looks count once.
+        /// Each level is at most the one that may be spent by then and at least the one spent there. Together they
+        /// exceed the total, since crossings at several looks count once.
         #[test]
         fn levels_are_bounded(
             looks in prop::collection::btree_set(2_u32..200, 2..8),

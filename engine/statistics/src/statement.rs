@@ -1,26 +1,26 @@
 //! Statements about one number, tested at one look or at several planned ones, and the decisions of the seeds.
 //!
-//! A published value ("the mean lies within the margin") and a claim ("the difference is above 0") are both
-//! statements that a number lies in a [`Region`]. The interval of the number decides: inside the region the
-//! statement holds, outside it fails, across an edge it is open. Where only some differences matter, the whole interval
-//! must be one of these to hold; one that lies among those that do not matter is alike. Where looks were planned
+//! A published value ("the mean lies within the margin") and a claim ("the difference is above 0") are both statements
+//! that a number lies in a [`Region`]. The interval of the number decides: if it lies inside the region the statement
+//! holds, outside it fails, and across an edge it is open. If only some differences matter, the whole interval must lie
+//! among these for the statement to hold; one that lies among those that do not matter is alike. If looks were planned
 //! ([`SequentialDesign`]), the interval of look `k` is the repeated confidence interval of Jennison and Turnbull (1989,
-//! doi:10.1111/j.2517-6161.1989.tb01440.x): its nominal level is that of the look, and the first look that
-//! decides is final, even if other statements ask for further seeds.
+//! doi:10.1111/j.2517-6161.1989.tb01440.x): its nominal level is that of the look, and the first look that decides is
+//! final, even if other statements ask for further seeds.
 //!
 //! [`holm`] decides a family of statements together (Holm 1979, doi:10.2307/4615733): with `m` of them, the one that is
-//! decided at the strictest level must be so at `alpha / m`, the next one at `alpha / (m - 1)`, and so on until
+//! decided at the strictest level must be decided at `alpha / m`, the next one at `alpha / (m - 1)`, and so on until
 //! one is not.
 
 use super::{Interval, MeanEstimate, binomial::Share, power::Room, spending::SequentialDesign};
 
-/// Below this many seeds nothing is decided, unless seeds make no difference at all.
+/// Smallest number of seeds that decide, unless seeds make no difference at all.
 pub const FEWEST_SEEDS: usize = 3;
 
-/// The least share of a level that is tried: no family is larger than a million.
+/// The smallest share of a level that is tried: no family is larger than a million.
 const LEAST_SHARE: f64 = 1e-6;
 
-/// The evidence of the seeds on a number, as far as its interval needs it.
+/// The evidence of the seeds about a number, as far as its interval needs it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Evidence {
     /// A mean, or a difference of two means: Student-t.
@@ -29,16 +29,16 @@ pub enum Evidence {
     Share(Share),
     /// A difference of two shares: exact bounds of both, squared and added.
     Shares(Share, Share),
-    /// The same from a published share, to which no seed can be added.
+    /// The same difference from a published share, to which no seed can be added.
     FromPublished(Share, Share),
-    /// A difference from a number that is a mean itself, with how far it lies above two limits that move with
-    /// that mean, such as a twentieth of it below and above it.
+    /// A difference from a number that is itself a mean, with the distances above two limits that move with that mean,
+    /// such as a twentieth of it below and above it.
     BetweenMeans {
         /// The difference.
         difference: MeanEstimate,
-        /// The value less the lower limit.
+        /// The value minus the lower limit.
         above_low: MeanEstimate,
-        /// The value less the upper limit.
+        /// The value minus the upper limit.
         above_high: MeanEstimate,
     },
 }
@@ -57,7 +57,7 @@ impl Evidence {
         }
     }
 
-    /// Seeds it rests on; those of the smaller sample where two have seeds.
+    /// Number of seeds behind it; those of the smaller sample if both samples have seeds.
     #[must_use]
     pub fn n(&self) -> usize {
         match self {
@@ -150,8 +150,8 @@ impl Region {
         self.low < value && value < self.high
     }
 
-    /// Distances that an interval around a value must keep to decide: to both ends from inside, to the nearer one from
-    /// outside.
+    /// Distances that an interval around a value must keep to decide: to both ends from inside, or to the nearer one
+    /// from outside.
     #[must_use]
     pub fn room(&self, value: f64) -> Room {
         if self.contains(value) {
@@ -168,10 +168,10 @@ pub struct Look {
     pub evidence: Evidence,
     /// The values for which the statement holds.
     pub region: Region,
-    /// The values that differ too little to matter; `None` where any difference does.
+    /// The values that differ too little to matter; `None` if any difference matters.
     pub alike: Option<Region>,
-    /// Whether seeds make no difference, so that a few of them tell as much as many. Equal seeds alone do not show it:
-    /// counts and outcomes of 0 and 1 are equal by chance.
+    /// Whether seeds make no difference, so that a few of them show as much as many. Equal seeds alone do not show it:
+    /// counts and outcomes of 0 and 1 may be equal by chance.
     pub deterministic: bool,
 }
 
@@ -180,11 +180,12 @@ pub struct Look {
 pub struct Statement {
     /// The looks that are complete, in order; at least one.
     pub looks: Vec<Look>,
-    /// The looks that were planned; `None` where the number of seeds is fixed.
+    /// The looks that were planned; `None` if the number of seeds is fixed.
     pub design: Option<SequentialDesign>,
-    /// Whether the last complete look decides, and not an earlier one: looks that were not planned together.
+    /// Whether the last complete look decides instead of the first that can, because the looks were not planned
+    /// together.
     pub by_last: bool,
-    /// Probability of a wrong decision on each side, all looks together.
+    /// Probability of a wrong decision on each side, over all looks together.
     pub alpha: f64,
 }
 
@@ -210,12 +211,12 @@ impl StatementOutcome {
     }
 }
 
-/// An outcome with the look it rests on.
+/// An outcome with the look on which it is based.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Decision {
     /// The outcome at that look.
     pub outcome: StatementOutcome,
-    /// Index of the look that decided; of the last complete one where none did.
+    /// Index of the look that decided, or of the last complete one if none did.
     pub look: usize,
     /// The interval at that look.
     pub interval: Option<Interval>,
@@ -228,8 +229,8 @@ impl Statement {
         self.decide_at(self.alpha)
     }
 
-    /// The decision where each side may be wrong with probability `alpha`: at the first look that decides, or at the
-    /// last one.
+    /// The decision if each side may be wrong with probability `alpha`: at the first look that decides, or at the last
+    /// one.
     #[must_use]
     pub fn decide_at(&self, alpha: f64) -> Decision {
         let levels = self
@@ -262,8 +263,8 @@ impl Statement {
 }
 
 impl Statement {
-    /// The strictest share of the statement's level at which it is decided as it is at its own, to three digits; `None`
-    /// where it is open.
+    /// The strictest share of the statement's level at which the decision is the same, to three digits; `None` if it is
+    /// open.
     #[must_use]
     pub fn strictest(&self) -> Option<f64> {
         let outcome = self.decide().outcome;
@@ -308,8 +309,8 @@ impl Look {
         interval.map_or(StatementOutcome::Open, |interval| self.outcome_by(interval))
     }
 
-    /// One interval decides whether the statement holds, whether it fails and whether it matters, so that the three
-    /// err together no more often than the interval.
+    /// One interval decides whether the statement holds, whether it fails and whether the difference matters, so that
+    /// the three together err no more often than the interval.
     fn outcome_by(&self, interval: Interval) -> StatementOutcome {
         let outcome = self.region.outcome(interval);
         match self.alike {
@@ -322,7 +323,7 @@ impl Look {
     }
 }
 
-/// Two one-sided tests against limits that are means: of the value less the lower limit, and less the upper one.
+/// Two one-sided tests against limits that are means: of the value minus the lower limit, and minus the upper one.
 fn between(above_low: Option<Interval>, above_high: Option<Interval>) -> StatementOutcome {
     match (above_low, above_high) {
         (Some(low), Some(high)) if low.low >= 0.0 && high.high <= 0.0 => StatementOutcome::Holds,
@@ -331,8 +332,9 @@ fn between(above_low: Option<Interval>, above_high: Option<Interval>) -> Stateme
     }
 }
 
-/// The statements of a family that are decided together, so that the probability of any wrong decision among them is
-/// that of a single one: from the strictest share of its level at which each is decided, `None` where it is open alone.
+/// Whether each statement of a family is decided together with the others, so that the probability of any wrong
+/// decision among them is that of a single one. The input is the strictest share of its level at which each is decided;
+/// `None` if it is open by itself.
 #[must_use]
 pub fn holm(strictest: &[Option<f64>]) -> Vec<bool> {
     let mut order: Vec<(usize, f64)> = (0..)
@@ -471,7 +473,7 @@ mod tests {
         assert_eq!(outcome(0.0, None), StatementOutcome::Open);
         assert_eq!(outcome(0.0, Some(0.52)), StatementOutcome::Open);
         assert_eq!(outcome(0.0, Some(0.53)), StatementOutcome::Alike);
-        // On the right side by 0.074 to 0.926: all of it matters, a part of it, none of it.
+        // On the right side by 0.074 to 0.926: all of it matters, part of it, or none of it.
         assert_eq!(outcome(0.4, Some(0.05)), StatementOutcome::Holds);
         assert_eq!(outcome(0.4, Some(0.5)), StatementOutcome::Direction);
         assert_eq!(outcome(0.4, Some(0.93)), StatementOutcome::Alike);
@@ -536,8 +538,7 @@ mod tests {
             closed: false,
         };
         let strictest = |p: f64| {
-            // Two degrees of freedom: values with mean m and standard error 1 reach p where m is the
-            // quantile.
+            // Two degrees of freedom: values with mean m and standard error 1 reach p if m is the quantile.
             let mean = super::super::student_t::quantile(1.0 - p, 2.0);
             let sd = 3f64.sqrt();
             fixed(&[mean - sd, mean, mean + sd], above).strictest()
@@ -553,7 +554,7 @@ mod tests {
         assert_eq!((strictest(0.06), strictest(1e-9)), (None, Some(LEAST_SHARE)));
     }
 
-    /// Five seeds that are clear alone, and three more that are not with them.
+    /// Five seeds that decide by themselves, and three more with which they do not.
     #[test]
     fn rounds_that_were_not_planned_together_are_decided_by_all_their_seeds() {
         let above = Region {

@@ -1,10 +1,10 @@
-//! Student's t distribution: cumulative probability and quantile for any positive, also fractional, degrees
-//! of freedom.
+//! Student's t distribution: cumulative probability and quantile for any positive degrees of freedom, including
+//! fractional ones.
 //!
-//! With `x = v / (v + t^2)` the upper tail is half the regularised incomplete beta function `I_x(v / 2, 1 /
-//! 2)` (DLMF 8.17), evaluated by its continued fraction (DLMF 8.17.22) with the modified Lentz algorithm. The
-//! relative error, in the tails too, is below 1e-12 up to a thousand degrees of freedom and grows in
-//! proportion to them (1e-11 at 250 000), by the cancellation in the fraction's first denominators.
+//! With `x = v / (v + t^2)` the upper tail is half the regularised incomplete beta function `I_x(v / 2, 1 / 2)` (DLMF
+//! 8.17), evaluated by its continued fraction (DLMF 8.17.22) with the modified Lentz algorithm. The relative error,
+//! including the tails, is below 1e-12 up to a thousand degrees of freedom and grows in proportion to them (1e-11 at
+//! 250 000), because of the cancellation in the fraction's first denominators.
 //!
 //! | equation   | here                 |
 //! |------------|----------------------|
@@ -20,7 +20,7 @@ pub fn cdf(t: f64, degrees_of_freedom: f64) -> f64 {
     if t < 0.0 { tail } else { 1.0 - tail }
 }
 
-/// The `t` with `cdf(t) = probability`; infinite at 0 and 1, NaN outside and unless `degrees_of_freedom > 0`.
+/// The `t` with `cdf(t) = probability`; infinite at 0 and 1, NaN outside, and NaN unless `degrees_of_freedom > 0`.
 #[must_use]
 pub fn quantile(probability: f64, degrees_of_freedom: f64) -> f64 {
     if !(0.0..=1.0).contains(&probability) || degrees_of_freedom <= 0.0 || degrees_of_freedom.is_nan() {
@@ -80,7 +80,7 @@ fn upper_tail(t: f64, degrees_of_freedom: f64) -> f64 {
     }
     let a = v / 2.0;
     let square = t * t / v;
-    // Both stay right where the square is 0 or overflows.
+    // Both stay correct if the square is 0 or overflows.
     let (x, one_minus_x) = (1.0 / (1.0 + square), 1.0 / (1.0 + 1.0 / square));
     // x^a (1 - x)^b / B(a, b) with b = 1/2 and B(a, 1/2) = sqrt(pi) / gamma_ratio(a).
     let front = (-a * square.ln_1p()).exp() * one_minus_x.sqrt() * gamma_ratio(a) / PI.sqrt();

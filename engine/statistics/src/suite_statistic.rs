@@ -15,7 +15,7 @@ pub enum SuiteStatistic {
     InterquartileMean,
     /// The mean over tasks of the means over seeds.
     Mean,
-    /// Average distance of scores below 1, where scores above count as 1; less is better.
+    /// Average distance of scores below 1; scores above count as 1, and less is better.
     OptimalityGap,
 }
 
@@ -24,7 +24,7 @@ pub enum SuiteStatistic {
 pub struct Estimate {
     /// Value of the statistic.
     pub value: f64,
-    /// Its bootstrap interval; `None` where a task has fewer than two seeds.
+    /// Its bootstrap interval; `None` if a task has fewer than two seeds.
     pub interval: Option<Interval>,
 }
 

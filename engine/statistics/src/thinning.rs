@@ -1,10 +1,10 @@
-//! Thinning of long lines to the resolution of a picture: of consecutive points in one column of the picture, the
+//! Thinning of long lines to the resolution of a picture. Of consecutive points in one column of the picture, the
 //! first, the lowest, the highest and the last are kept. No peak is lost, and the line looks the same.
 
-/// A line of more points than these is thinned.
+/// Largest number of points of a line that is not thinned.
 pub const MOST: usize = 5000;
 
-/// The indices of the kept items. `column` is the column of the picture in which an item lies, `height` its height
+/// The indices of the kept items. `column` gives the column of the picture in which an item lies, `height` its height
 /// there.
 #[must_use]
 pub fn kept<T>(items: &[T], column: impl Fn(&T) -> i64, height: impl Fn(&T) -> f64) -> Vec<usize> {
@@ -26,7 +26,7 @@ pub fn kept<T>(items: &[T], column: impl Fn(&T) -> i64, height: impl Fn(&T) -> f
     kept
 }
 
-/// As [`kept`], of values at steps: a thousandth of their range is a column.
+/// Like [`kept`], for values at steps; a column is a thousandth of their range.
 #[must_use]
 pub fn kept_steps(values: &[(u64, f64)]) -> Vec<usize> {
     const COLUMNS: u128 = 1000;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// Steps of a training beside those of the source.
+/// Steps of a training and of that of the source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TrainingShare {
     /// Steps of the training here.
@@ -12,7 +12,7 @@ pub struct TrainingShare {
 }
 
 impl TrainingShare {
-    /// Whether the training was so short that a failure to reach a result says nothing against the source.
+    /// Whether the training was so short that a failure to reach a result does not contradict the source.
     #[must_use]
     pub fn is_too_small(self) -> bool {
         self.own.saturating_mul(2) < self.paper

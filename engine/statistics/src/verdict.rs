@@ -1,11 +1,11 @@
 //! Is a published value reproduced? An equivalence test over seeds.
 //!
-//! The two one-sided tests of Schuirmann (1987, doi:10.1007/BF01068419) at 5 % each: the 90 % interval of the
-//! mean over seeds is laid against the band of published value and margin. Inside, the value is reproduced;
-//! outside, it differs; across an edge, the seeds do not tell. A published value with a standard deviation
-//! and a number of runs is as uncertain as ours: then the interval is Welch's, of the difference. So is a
-//! published share with a number of runs: then the interval is that of the difference of the two shares, made
-//! of the exact bounds of both.
+//! The two one-sided tests of Schuirmann (1987, doi:10.1007/BF01068419) at 5 % each compare the 90 % interval of the
+//! mean over seeds with the band of published value and margin. If the interval lies inside, the value is reproduced;
+//! outside, it differs; across an edge, the seeds do not decide. A published value with a standard deviation and a
+//! number of runs is as uncertain as the reproduced one: the interval is then Welch's, of the difference. The same
+//! holds for a published share with a number of runs: the interval is then that of the difference of the two shares,
+//! combined from the exact bounds of both.
 
 use super::{
     Interval, MeanEstimate,
@@ -25,7 +25,7 @@ pub const ALPHA: f64 = 0.05;
 /// The word for a failed comparison after much less training than that of the source.
 pub const NOT_AT_THIS_BUDGET: &str = "NOT AT THIS BUDGET";
 
-/// How a reproduced cell compares with the published value.
+/// Result of the comparison of a reproduced cell with the published value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// The whole interval lies in the band.
@@ -36,15 +36,16 @@ pub enum Verdict {
     NotAtThisBudget,
     /// The interval crosses an edge of the band, or there are too few seeds.
     Inconclusive,
-    /// It would be reproduced, and the published value was used to choose a setting, so that this says nothing.
+    /// It would be reproduced, but the published value was used to choose a setting, so the agreement is by
+    /// construction.
     Calibrated,
-    /// The cell is fixed by construction, of another system, or of a budget that no result comes from.
+    /// The cell is fixed by construction, belongs to another system, or has a budget that gives no result.
     NotJudged,
     /// An agent behind the cell made no update.
     NotTrained,
     /// There is no seed yet.
     NotRun,
-    /// No seed ended well, or a seed's value is not finite.
+    /// No seed ended successfully, or a seed's value is not finite.
     Failed,
 }
 
@@ -87,7 +88,7 @@ impl Verdict {
         )
     }
 
-    /// The same after a training that was too short to speak against the source.
+    /// The same verdict after a training that was too short to contradict the source.
     #[must_use]
     pub fn at_budget(self, training: Option<TrainingShare>) -> Self {
         let is_too_small = training.is_some_and(TrainingShare::is_too_small);
@@ -123,9 +124,9 @@ impl fmt::Display for Verdict {
 pub struct Reference {
     /// The published value, in its own unit.
     pub value: f64,
-    /// Standard deviation and number of the runs behind it, where both are published.
+    /// Standard deviation and number of the published runs, if both are published.
     pub runs: Option<(f64, u32)>,
-    /// Successes and number of the runs behind it, where it is a share and their number is published.
+    /// Successes and number of the published runs, if it is a share and their number is published.
     pub share: Option<Share>,
     /// Smallest and largest value that count as the same.
     pub band: (f64, f64),
@@ -143,8 +144,8 @@ impl Reference {
         }
     }
 
-    /// The number that turns evidence on a value into the value as it is shown: evidence against an uncertain value is
-    /// the difference from it.
+    /// The number that turns evidence on a value into the displayed value: evidence against an uncertain value is the
+    /// difference from it.
     fn offset(&self, is_share: bool) -> f64 {
         match (self.share, self.runs) {
             (Some(share), _) if is_share => share.value(),
@@ -157,17 +158,17 @@ impl Reference {
 /// The seeds by which a statement may be decided.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Seeds {
-    /// The looks that were planned; `None` where the number of seeds is fixed.
+    /// The looks that were planned; `None` if the number of seeds is fixed.
     pub design: Option<SequentialDesign>,
-    /// The number below which seeds count, for each look that is complete.
+    /// The upper limit of the seeds that count, for each look that is complete.
     pub limits: Vec<u64>,
-    /// Number of rounds of seeds that are taken together, none planned with the one before; 0 for one round.
+    /// Number of rounds of seeds that are pooled, none planned with the one before; 0 for one round.
     pub rounds: usize,
 }
 
 impl Seeds {
-    /// The number below which seeds count, for each look that can be decided on; one look at all seeds where
-    /// their number is fixed.
+    /// The upper limit of the seeds that count, for each look that can decide; a single look at all seeds if their
+    /// number is fixed.
     #[must_use]
     pub fn limits(&self) -> Vec<u64> {
         match &self.design {
@@ -176,13 +177,13 @@ impl Seeds {
         }
     }
 
-    /// How many of the planned looks are complete.
+    /// Number of the planned looks that are complete.
     #[must_use]
     pub fn complete(&self) -> usize {
         self.limits.len()
     }
 
-    /// Whether rounds are taken together: all of their seeds decide, and not the first look that does.
+    /// Whether rounds are pooled: all of their seeds decide, not the first look that can.
     #[must_use]
     pub fn is_pooled(&self) -> bool {
         self.rounds > 0
@@ -192,13 +193,13 @@ impl Seeds {
 /// The stage of a statement in a design.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stage {
-    /// The look that decided, or the last complete one, from 1; 0 where none is complete.
+    /// The look that decided, or the last complete one, from 1; 0 if none is complete.
     pub look: usize,
     /// Number of looks of the design.
     pub of: usize,
     /// Seeds planned for this look.
     pub seeds: u32,
-    /// How many rounds of seeds are taken together; 0 for one round.
+    /// Number of rounds of seeds that are pooled; 0 for one round.
     pub rounds: usize,
 }
 
@@ -245,35 +246,35 @@ impl Stage {
     }
 }
 
-/// A verdict with the numbers it rests on.
+/// A verdict with the numbers on which it is based.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Judgement {
     /// Verdict by the cell's own level.
     pub verdict: Verdict,
-    /// The verdict when all judged values of the study are taken together (Holm); `None` until they are.
+    /// The verdict when all judged values of the study are judged together (Holm); `None` until they are.
     pub adjusted: Option<Verdict>,
-    /// The strictest share of its level at which it is decided alike; `None` where it is open, and before that share is
-    /// sought.
+    /// The strictest share of its level at which the decision is the same; `None` if it is open, or before that share
+    /// is computed.
     pub strictest: Option<f64>,
-    /// Number of seeds that it rests on.
+    /// Number of seeds behind it.
     pub n: usize,
-    /// Mean over these seeds; `None` without seeds or where it is not finite.
+    /// Mean over these seeds; `None` without seeds or if it is not finite.
     pub mean: Option<f64>,
     /// The interval that decides, in the unit of the mean; `None` below two seeds.
     pub interval: Option<Interval>,
     /// The published value.
     pub reference: Reference,
-    /// Stage in the design; `None` where the number of seeds is fixed.
+    /// Stage in the design; `None` if the number of seeds is fixed.
     pub stage: Option<Stage>,
-    /// About how many more seeds would decide with a power of 80 %; `None` where that is known to be too many
-    /// or of no use.
+    /// Approximate number of further seeds that would decide with a power of 80 %; `None` if that is known to be too
+    /// many or useless.
     pub more_seeds: Option<u32>,
-    /// The decided statement; `None` where nothing could be decided.
+    /// The decided statement; `None` if nothing could be decided.
     pub statement: Option<Statement>,
 }
 
 impl Judgement {
-    /// A published value on which no verdict is passed.
+    /// A published value that is not judged.
     #[must_use]
     pub fn without(verdict: Verdict, reference: Reference, values: &[(u64, f64)]) -> Self {
         let values: Vec<f64> = values.iter().map(|(_, value)| *value).collect();
@@ -292,7 +293,7 @@ impl Judgement {
         }
     }
 
-    /// Advice for an inconclusive verdict, or the look at which it was passed, in one phrase; empty where there is
+    /// Advice for an inconclusive verdict, or the look at which it was decided, in one phrase; empty if there is
     /// nothing to add.
     #[must_use]
     pub fn note(&self) -> String {
@@ -321,16 +322,16 @@ impl Judgement {
     }
 }
 
-/// The remark on seeds that are alike and may be so by chance.
+/// The remark on seeds that are equal, possibly by chance.
 pub const ALIKE: &str = "all seeds gave the same whole number, as counts do by chance, which decides nothing";
 
-/// That so few seeds decide nothing, as a phrase.
+/// Phrase: this number of seeds is too small to decide.
 #[must_use]
 pub fn too_few_seeds_in_words(n: usize) -> String {
     format!("too few seeds ({n}): at least {FEWEST_SEEDS} are needed")
 }
 
-/// How many more seeds to plan, as a phrase.
+/// Phrase: the number of further seeds to plan.
 #[must_use]
 pub fn more_seeds_in_words(more: u32) -> String {
     let seeds = count(more, "more seed");
@@ -340,7 +341,7 @@ pub fn more_seeds_in_words(more: u32) -> String {
     )
 }
 
-/// The margin where a study gives none: 5 % of the size of the published value.
+/// The margin if a study gives none: 5 % of the size of the published value.
 #[must_use]
 pub fn default_margin(published: f64) -> f64 {
     0.05 * published.abs()
@@ -349,9 +350,9 @@ pub fn default_margin(published: f64) -> f64 {
 /// One number per seed.
 #[derive(Debug, Clone, Copy)]
 pub struct Sample<'a> {
-    /// The numbers as all seeds give them.
+    /// The numbers computed from all seeds.
     pub values: &'a [(u64, f64)],
-    /// The numbers computed from the seeds below a number, where other seeds change them; `None` where none does.
+    /// The numbers computed from the seeds below a limit, if other seeds change them; `None` if none does.
     pub as_of: Option<&'a BTreeMap<u64, Vec<(u64, f64)>>>,
 }
 
@@ -375,9 +376,9 @@ impl<'a> Sample<'a> {
 
 /// Compares one reproduced value per seed with a published value.
 ///
-/// `failed` is the number of seeds that did not end well: with no other seed the cell has failed. Where some
-/// seeds ended well the verdict rests on them alone, and the reader must be shown that others are missing.
-/// `is_share` says that values are 0 or 1, successes of seeds.
+/// `failed` is the number of seeds that ended unsuccessfully: if there is no other seed, the cell has failed. If some
+/// seeds ended successfully, the verdict is based on them alone, and the reader must be shown that others are missing.
+/// `is_share` means that values are 0 or 1, successes of seeds.
 #[must_use]
 pub fn judge(
     reference: Reference,
@@ -467,7 +468,7 @@ fn look(reference: &Reference, values: &[f64], is_share: bool) -> Look {
     }
 }
 
-/// Whether two seeds or more all gave the same number that is no whole one: a whole number may be a count, and equal
+/// Whether two seeds or more all gave the same number that is not whole. A whole number may be a count, and equal
 /// counts say little about the next seed.
 #[must_use]
 pub fn make_no_difference(values: &[f64]) -> bool {
@@ -485,8 +486,8 @@ fn successes_of(values: &[f64]) -> Share {
     Share::of(values.iter().map(|value| *value > 0.5))
 }
 
-/// About how many more seeds would decide, with a power of 80 %; at least those that are missing to the
-/// fewest.
+/// Approximate number of further seeds that would decide with a power of 80 %; at least those that are missing to the
+/// smallest number that decides.
 #[must_use]
 pub fn more_seeds(look: &Look, alpha: f64) -> Option<u32> {
     let missing = u32::try_from(FEWEST_SEEDS.saturating_sub(look.evidence.n())).unwrap_or(0);

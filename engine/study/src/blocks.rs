@@ -1,4 +1,4 @@
-//! `blocks` and `<<`: keys that are written once and stand in several places.
+//! `blocks` and `<<`: keys that are written once and used in several places.
 
 use super::{
     overlay::{TAKE, below, overlay, without_nothing},
@@ -11,11 +11,11 @@ use document::{
 };
 use serde_json::{Map, Value};
 
-/// Puts blocks where `<<` names them. Keys beside `<<` win over the block's.
+/// Inserts blocks at the keys `<<` that name them. Keys beside `<<` take precedence over those of the block.
 ///
 /// # Errors
-/// Names of no block, values that are no names, blocks that contain themselves, and two blocks that give one
-/// key different values.
+/// Unknown names of blocks, values that are no names, blocks that contain themselves, and two blocks that give one key
+/// different values.
 pub fn expand(root: &mut Node, schema: &Value, sources: &Sources) -> Result<(), Vec<Diagnostic>> {
     let named = root
         .get("blocks")
@@ -44,18 +44,18 @@ pub fn expand(root: &mut Node, schema: &Value, sources: &Sources) -> Result<(), 
 
 struct Blocks<'a> {
     text: FittingEntries<Map<String, Value>>,
-    /// The same with their positions, in the order of the study.
+    /// The blocks with their positions, in the order of the study.
     named: &'a [Entry],
     sources: &'a Sources,
-    /// The blocks around the place that is being filled; none of them may stand there.
+    /// Names of the blocks that are being expanded; none of them may be named inside.
     open: Vec<&'a str>,
-    /// How many values blocks may still add.
+    /// Number of values that blocks may still add.
     left: usize,
     found: Vec<Diagnostic>,
 }
 
 impl Blocks<'_> {
-    /// Puts blocks into everything below `node`, which stands at the dotted path `at`.
+    /// Inserts blocks into everything below `node`, which stands at the dotted path `at`.
     fn fill(&mut self, node: &mut Node, at: &str, place: Option<&View<'_>>) {
         match &mut node.kind {
             NodeKind::Scalar(_) => {}
@@ -125,7 +125,7 @@ impl Blocks<'_> {
             let help = suggest(name, named.iter().map(|entry| entry.key.as_str()));
             return self.refuse(wanted.span, at, format!("no block is named `{name}`"), &help);
         };
-        // The check of `blocks` reports another form where the block is written.
+        // The check of `blocks` reports a block in another form at its own position.
         self.text.get(name)?;
         if self.open.contains(&entry.key.as_str()) || self.open.len() >= DEEPEST {
             let message = format!("the block `{name}` contains itself");
@@ -150,7 +150,7 @@ impl Blocks<'_> {
 
     fn refuse(&mut self, span: Span, at: &str, message: String, help: &str) -> Option<Node> {
         let error = self.sources.error(span, &format!("{at}.{TAKE}"), message);
-        // Where too many values were added, every later block would say so again.
+        // Once too many values were added, every later block would cause the same error.
         if self.left > 0 || self.found.is_empty() {
             self.found.push(error.help(help));
         }
@@ -158,8 +158,7 @@ impl Blocks<'_> {
     }
 }
 
-/// The first key to which both blocks give values of their own that are not the same, and that nothing
-/// beside them decides.
+/// The first key to which both blocks give different values of their own, and that no key beside `<<` decides.
 fn differs(one: &Node, other: &Node, own: &Node, at: &str) -> Option<(String, Span, Span)> {
     other.entries().iter().find_map(|entry| {
         let known = one.get(&entry.key)?;

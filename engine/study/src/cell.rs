@@ -46,7 +46,7 @@ pub struct Source {
     pub kind: ArtifactKind,
     /// Index of the cell whose trial leaves it.
     pub cell: usize,
-    /// The seed whose artifact every seed takes; that of the same seed where absent.
+    /// The seed whose artifact every seed takes; each seed takes the artifact of the same seed if absent.
     pub seed: Option<u64>,
 }
 
@@ -99,7 +99,7 @@ impl Cell {
         self.parts[1].part.plugin == cast::POLICY
     }
 
-    /// The same cell, whose artifacts are named by cells: two parts with one config differ where they take from
+    /// The same cell with its artifacts named by cells, so that two parts with one config differ if they take from
     /// different cells.
     pub(super) fn taking(mut self, sources: &Arc<[Source]>) -> Self {
         for (place, resolved) in self.parts.iter_mut().enumerate() {

@@ -20,11 +20,11 @@ use std::{
 /// All cells: combinations in the order of environments, agents and points, then all others.
 #[derive(Debug, Clone, Default)]
 pub struct Cells {
-    /// Each with the index of its first cell.
+    /// Combinations, each with the index of its first cell.
     combinations: Vec<(usize, PairGrid)>,
     n_combinations: usize,
     others: Vec<Cell>,
-    /// By index of a cell that takes an artifact.
+    /// Artifacts, by index of the cell that takes them.
     sources: BTreeMap<usize, Arc<[Source]>>,
 }
 
@@ -54,7 +54,7 @@ impl Cells {
         self.n_combinations
     }
 
-    /// The combination with a cell, and the cell's place in it.
+    /// The combination that a cell belongs to, and the cell's place in it.
     fn combination(&self, index: usize) -> Option<(&PairGrid, usize)> {
         let after = self.combinations.partition_point(|(first, _)| *first <= index);
         let (first, combination) = &self.combinations[..after].last()?;
@@ -95,13 +95,13 @@ impl Cells {
         found.map_or(0..0, |(first, it)| *first..first + it.n_cells())
     }
 
-    /// The first cell that is no combination and for which `holds` is true.
+    /// The first cell outside the combinations for which `holds` is true.
     pub fn other(&self, holds: impl Fn(&Cell) -> bool) -> Option<usize> {
         let place = self.others.iter().position(holds)?;
         Some(self.n_combinations + place)
     }
 
-    /// The settings of combinations in words, in order, each once.
+    /// The settings of combinations as texts, in order, each once.
     pub(super) fn settings(&self) -> Vec<Arc<str>> {
         let mut seen = HashSet::new();
         let settings = self.combinations.iter().flat_map(|(_, combination)| {
@@ -117,7 +117,7 @@ impl Cells {
             .collect()
     }
 
-    /// Places of the swept keys that stand in one setting together, each list once.
+    /// Places of the swept keys that stand together in one setting, each list once.
     pub(super) fn together(&self) -> BTreeSet<Vec<usize>> {
         let keys = |(_, it): &(usize, PairGrid)| it.keys.iter().map(|key| key.place).collect();
         self.combinations.iter().map(keys).collect()
@@ -196,7 +196,7 @@ impl Sections<'_> {
         }
     }
 
-    /// Where the parts of an entry of `prepare` are written.
+    /// Targets of the parts of an entry of `prepare`.
     fn parts_of(&self, index: usize, entry: &PreparedTrial) -> Result<[Target; 3], Vec<Diagnostic>> {
         let mut found = Vec::new();
         let mut target =
@@ -269,12 +269,12 @@ struct SettingKey {
     swept: Arc<SweptKey>,
 }
 
-/// An environment and an agent at every point of the dimensions that concern them.
+/// An environment and an agent at every point of the dimensions that affect them.
 #[derive(Debug, Clone)]
 struct PairGrid {
     /// Environment and agent.
     pair: (usize, usize),
-    /// The dimensions, by their places in the sweep, with how many points each has.
+    /// The dimensions, by their places in the sweep, with the number of points of each.
     dimensions: Vec<(usize, usize)>,
     /// The keys of its settings.
     keys: Vec<SettingKey>,

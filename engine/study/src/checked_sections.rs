@@ -1,4 +1,4 @@
-//! The sections of a study that cells are made of, read and checked one by one.
+//! The sections of a study from which cells are made, read and checked one by one.
 
 use super::{
     config::{self, Files, Plugin},
@@ -26,7 +26,7 @@ use std::path::Path;
 /// Largest number of trials of one study.
 pub const MOST_TRIALS: u64 = 1_000_000;
 
-/// Everything that cells are made of.
+/// Everything from which cells are made.
 pub struct Sections<'a> {
     /// The sections as they are written.
     pub(super) text: &'a StudyText,
@@ -50,7 +50,7 @@ pub struct Sections<'a> {
     pub excluded: &'a [Selection],
     /// Limits of one trial.
     pub limits: &'a Limits,
-    /// Announcements of environments that were tried out before, where these are known.
+    /// Known announcements of environments that were tried out before.
     pub announced: Option<&'a Announcements>,
     /// Whether the study is read without a profile and options of the command line.
     pub is_as_written: bool,
@@ -70,7 +70,7 @@ impl Sections<'_> {
             .fold(self.written.prepared.len() as u64, u64::saturating_add)
     }
 
-    /// Environments and agents that meet.
+    /// Pairs of an environment and an agent that are not left out.
     pub fn pairs(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         let agents = self.written.agents.len();
         let all = (0..self.written.environments.len())
@@ -78,7 +78,7 @@ impl Sections<'_> {
         all.filter(|(environment, agent)| !self.excluded.iter().any(|it| it.matches(*environment, *agent)))
     }
 
-    /// The dimensions that concern these targets, by their places, with how many points each has.
+    /// The dimensions that affect these targets, by their places, with the number of points of each.
     pub(super) fn concerned(&self, targets: &[Target]) -> Vec<(usize, usize)> {
         let all = self.dimensions.iter().enumerate();
         all.filter(|(_, it)| it.concerns(targets))
@@ -91,7 +91,7 @@ impl Sections<'_> {
         self.dimensions.iter().flat_map(|dimension| &dimension.keys)
     }
 
-    /// A warning for samples that came to the same setting.
+    /// A warning for samples that gave the same setting.
     pub fn repeats(&self) -> impl Iterator<Item = Diagnostic> {
         self.dimensions
             .iter()
@@ -145,7 +145,7 @@ impl Sections<'_> {
         let changed = match given.form {
             Form::Trained => None,
             Form::Alone => Some((protocol().without_training)(&part.config)),
-            // A protocol that has nothing for such an agent is refused with it.
+            // A protocol without a form for such agents is refused together with the agent.
             Form::Own(measured) => {
                 let own = protocol().own_training.as_ref();
                 own.map(|changed| changed(&part.config, measured))
@@ -160,7 +160,7 @@ impl Sections<'_> {
         Ok(ResolvedPart::new(part, given))
     }
 
-    /// Whether an agent learns, as it is written.
+    /// Whether an agent learns, according to its config as written.
     pub(super) fn learns(&self, agent: Target) -> bool {
         let named = self.written.part(agent);
         named.is_some_and(|named| {
@@ -172,14 +172,14 @@ impl Sections<'_> {
         })
     }
 
-    /// How an agent that trains itself is measured, as it is written.
+    /// Form in which an agent that trains itself is measured, according to its config as written.
     pub(super) fn measured(&self, agent: Target) -> Option<Measured> {
         let said = self.written.part(agent)?.config.get(MEASURED)?;
-        // Another word is refused where the agent's own config is read.
+        // Another word is refused when the agent's own config is read.
         serde_json::from_value(said.to_value()).ok()
     }
 
-    /// The setting that was chosen for an agent: the search and its place there.
+    /// The setting that was chosen for an agent: the index of the search and the setting's place there.
     pub(super) fn chosen(&self, agent: usize) -> Option<(usize, usize)> {
         let search = self.searches.iter().position(|it| it.agent == agent)?;
         Some((search, self.searches[search].progress.chosen?))

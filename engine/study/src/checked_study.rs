@@ -30,9 +30,9 @@ pub struct Study {
     pub title: String,
     /// Source of the published numbers; empty where absent.
     pub source: String,
-    /// The verdicts that are read together with those of this study; its own alone where absent.
+    /// Name of the family of studies whose verdicts are read together; the study is a family of its own if absent.
     pub family: Option<String>,
-    /// Summary of the results, with placeholders; `None` where absent.
+    /// Summary of the results, with placeholders; `None` if absent.
     pub summary: Option<Summary>,
     /// Its lines in the answers of all studies.
     pub answers: Vec<Answer>,
@@ -44,7 +44,7 @@ pub struct Study {
     pub agents: Vec<String>,
     /// All seeds that the study may use.
     pub seeds: Vec<u64>,
-    /// The looks at which seeds are added until all that is judged is decided; `None` where their number is
+    /// The looks at which seeds are added until everything that is judged is decided; `None` if the number of seeds is
     /// fixed.
     pub design: Option<SequentialDesign>,
     /// The criterion by which a seed counts as a success.
@@ -73,31 +73,31 @@ pub struct Study {
     pub limits: Limits,
     /// Whether an environment was not tried out, since its announcement is known.
     pub is_recalled: bool,
-    /// Announcements of environments that are not this program's own and were tried out, by id.
+    /// Announcements of external environments that were tried out, by id.
     pub announced: BTreeMap<String, Value>,
-    /// Doubts: settings that can be run and are probably not meant, sorted by position.
+    /// Doubts: settings that can be run but are probably not intended, sorted by position.
     pub warnings: Vec<Diagnostic>,
-    /// Every metric that the trials record, by name; where parts share a name, the first of protocol, environments and
-    /// agents.
+    /// Every metric that the trials record, by name. If parts share a name, the metric of the protocol takes
+    /// precedence, then that of environments, then that of agents.
     pub metrics: Vec<Metric>,
     /// Names of the entries of `prepare`, in order.
     pub prepared: Vec<String>,
     /// Units of everything that the trials record and trace, by name.
     pub units: BTreeMap<String, String>,
-    /// Samples of its sweep, where several came to the same setting.
+    /// Samples of its sweep, if several of them gave the same setting.
     pub repeats: Option<Repeats>,
-    /// Searches for settings, in order, with how far they are.
+    /// Searches for settings, in order, with their progress.
     pub searches: Vec<(Search, Progress)>,
     /// Combinations of environment, agent and setting, then the entries of `prepare`, then the settings that
     /// searches try.
     pub(crate) cells: Cells,
-    /// The cells in an order in which each comes after those that it takes from.
+    /// Indices of the cells, each after those from which it takes artifacts.
     pub(crate) order: Vec<usize>,
     /// Version of the shared numerical code.
     pub(crate) numerics: u32,
-    /// The sections that trials are made of, with all defaults.
+    /// The sections from which trials are made, with all defaults.
     pub(crate) resolved: Vec<(String, resolved::Section)>,
-    /// The folder that data files were sought from.
+    /// Folder relative to which data files are found.
     pub(crate) folder: PathBuf,
     /// The files that it includes, in the order in which they were read.
     pub included: Vec<PathBuf>,
@@ -107,8 +107,8 @@ pub struct Study {
 }
 
 impl Study {
-    /// The study that a confirmation is computed as: the same combinations with its seeds, its claims and the published
-    /// values of its tables. Its name is that of the folder inside the results of this study.
+    /// The study as which a confirmation is computed: the same combinations with its seeds, its claims and the
+    /// published values of its tables. Its name is that of the folder inside the results of this study.
     #[must_use]
     pub fn confirmation(&self, index: usize) -> Self {
         let it = &self.confirm[index];

@@ -1,5 +1,5 @@
-//! From the keys that a study gives to a plugin's complete config: defaults, then the preset, then the
-//! study's own keys.
+//! Turns the keys that a study gives into a plugin's complete config: defaults, then the preset, then the study's own
+//! keys.
 
 use contract::{Error, data_file::hash_of, part::Part, plugin::About};
 use document::{
@@ -16,7 +16,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Most files that patterns of one plugin may name: each is read whenever a study is.
+/// Largest number of files that the patterns of one plugin may name; each file is read whenever a study is.
 const MOST_FILES: usize = 5_000;
 const MANY_FILES: &str = "name the folder of the sources, as `lib/**/*.py`";
 
@@ -30,7 +30,7 @@ pub struct Plugin<'a> {
     pub schema: View<'a>,
     /// Dotted path of the config in the study.
     pub at: String,
-    /// Where the plugin's name stands.
+    /// Position of the plugin's name.
     pub span: Span,
 }
 
@@ -39,11 +39,11 @@ pub struct Plugin<'a> {
 pub struct Files<'a> {
     folder: &'a Path,
     reach: Reach,
-    /// Path and hash of each file, or why it cannot be used, by its name.
+    /// Path and hash of each file, or the reason why it cannot be used, by its name.
     known: BTreeMap<String, Result<(PathBuf, String), FileProblem>>,
 }
 
-/// Why a data file cannot be used.
+/// Reason why a data file cannot be used.
 #[derive(Debug, Clone)]
 enum FileProblem {
     Outside(Outside),
@@ -156,7 +156,7 @@ pub fn resolve(
     })
 }
 
-/// Replaces lists of patterns, where a plugin asks for files by patterns, by the files that they name: each under its
+/// Replaces lists of patterns by the files that they name, if a plugin asks for files by patterns. Each file has its
 /// name as seen from the study's folder.
 fn list_files(
     plugin: &Plugin<'_>,
@@ -203,7 +203,7 @@ fn list_files(
     Ok(())
 }
 
-/// A file that does not stand under a key `file`, but is part of a word, as in `tank.py:make`.
+/// A file that is part of a word, as in `tank.py:make`, instead of the value of a key `file`.
 fn in_a_word(
     plugin: &Plugin<'_>,
     key: &str,
@@ -217,7 +217,7 @@ fn in_a_word(
     sources.error(span, &at, message).help(help)
 }
 
-/// The fault in a config: a misfit with the schema, or else the error of the plugin's reader.
+/// The fault in a config: a value that does not fit the schema, or else the error of the plugin's reader.
 fn refused(
     plugin: &Plugin<'_>,
     config: &Node,
@@ -259,8 +259,8 @@ fn merged(about: &About, config: &Node) -> Value {
     value
 }
 
-/// Lays `over` on `value`. Mappings with fixed keys are merged key by key; everything else (an enum's
-/// variant, a list, a map of free names) is replaced as a whole.
+/// Merges `over` into `value`. Mappings with fixed keys are merged key by key; everything else (an enum's variant, a
+/// list, a map with free names) is replaced as a whole.
 fn merge(value: &mut Value, over: Value, schema: Option<&View<'_>>) {
     let fields = if value.is_object() && over.is_object() {
         schema.and_then(View::as_struct)
@@ -318,7 +318,7 @@ fn missing_files(
 /// Notes path and hash of each file that is named under `file`, by JSON pointer.
 ///
 /// # Errors
-/// The first file that cannot be used, with its pointer, its name and why.
+/// The first file that cannot be used, with its pointer, its name and the reason.
 fn find_files(
     value: &Value,
     at: &str,
@@ -344,7 +344,7 @@ fn find_files(
     }
 }
 
-/// Span of the value at a dotted key, or of the deepest part of it that is written; `None` where no part is.
+/// Span of the value at a dotted key, or of the deepest part of it that is written; `None` if no part is.
 #[must_use]
 pub fn locate(config: &Node, key: &str) -> Option<Span> {
     let (mut here, mut span) = (config, None);

@@ -1,8 +1,8 @@
 //! `confirm`: claims and published values of a study that are tested on fresh seeds.
 //!
-//! A claim that is open after all seeds of its study is no better for a few more of them, which were added because of
-//! the results. A confirmation names its claims and its seeds before its first trial. It is computed as a study of its
-//! own, with the same combinations, and the last word is that of all rounds together.
+//! A claim that is open after all seeds of its study cannot be decided by further seeds that are added because of the
+//! results. A confirmation names its claims and its seeds before its first trial. It is computed as a study of its own
+//! with the same combinations, and the final verdict is that of all rounds together.
 
 use super::seeds::{SeedPlan, SeedsText};
 use document::{
@@ -30,13 +30,13 @@ pub(super) struct ConfirmationText {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schemars(extend("uniqueItems" = true))]
     rows: Vec<String>,
-    /// Seeds above all those that these claims and values have seen: a list, ranges, or a design with `first`.
+    /// Seeds above all those that were used for these claims and values: a list, ranges, or a design with `first`.
     seeds: SeedsText,
-    /// The smallest difference that matters from now on, where the claims name none or a larger one.
+    /// The smallest difference that matters from now on, if the claims name none or a larger one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     min_effect: Option<f64>,
-    /// Why these seeds, and why this difference matters.
+    /// Reason for these seeds and for this difference.
     #[serde(default)]
     why: String,
 }
@@ -50,16 +50,16 @@ pub struct Confirmation {
     /// Names of the confirmed tables.
     #[serde(skip)]
     pub tables: Vec<String>,
-    /// Their rows, where not all are confirmed.
+    /// Names of the confirmed rows; empty if all are confirmed.
     #[serde(skip)]
     pub rows: Vec<String>,
     /// All seeds that it may use.
     #[serde(skip)]
     pub seeds: Vec<u64>,
-    /// The looks at which seeds are added; `None` where their number is fixed.
+    /// The looks at which seeds are added; `None` if their number is fixed.
     #[serde(skip)]
     pub design: Option<SequentialDesign>,
-    /// The smallest difference that matters from now on; `None` where it stays as it was.
+    /// The smallest difference that matters from now on; `None` if it does not change.
     #[serde(skip)]
     pub min_effect: Option<f64>,
     /// Reason for these seeds.
@@ -71,7 +71,7 @@ pub struct Confirmation {
 }
 
 impl Confirmation {
-    /// A claim as this round puts it.
+    /// A claim with the seeds and the smallest difference of this round.
     #[must_use]
     pub fn claim(&self, claim: &ClaimSpec) -> ClaimSpec {
         ClaimSpec {
@@ -82,7 +82,7 @@ impl Confirmation {
         }
     }
 
-    /// A table as this round puts it, with the published values of its rows.
+    /// A table with the rows of this round and their published values.
     #[must_use]
     pub fn table(&self, spec: &TableSpec) -> TableSpec {
         let mut spec = spec.clone();
@@ -97,7 +97,7 @@ impl Confirmation {
 /// searches.
 ///
 /// # Errors
-/// Claims and tables that are not there, and seeds that are not above all those that were seen.
+/// Unknown claims and tables, and seeds that are not above all those that were used.
 pub(super) fn rounds(
     texts: &FittingItems<ConfirmationText>,
     root: &Node,
@@ -127,7 +127,7 @@ pub(super) fn rounds(
     if found.is_empty() { Ok(rounds) } else { Err(found) }
 }
 
-/// A confirmation where it stands.
+/// A confirmation with its position.
 struct Section<'a> {
     text: &'a ConfirmationText,
     node: &'a Node,
@@ -197,7 +197,7 @@ impl Section<'_> {
         )
     }
 
-    /// A difference that mattered before it was seen matters later, too.
+    /// Refuses a smallest difference that is larger than the one chosen before results were seen.
     fn larger_difference(&self, round: &Confirmation, claims: &[ClaimSpec]) -> Option<Diagnostic> {
         let min_effect = round.min_effect?;
         let named = round.claims.iter().filter_map(|index| claims.get(*index));
@@ -213,7 +213,7 @@ impl Section<'_> {
         )
     }
 
-    /// A seed that is not above all those that the same claims or values have seen.
+    /// The error of a seed that is not above all those that were used for the same claims or values.
     fn seen_seed(&self, round: &Confirmation, earlier: &[Confirmation], used: &[u64]) -> Option<Diagnostic> {
         let shares = |other: &&Confirmation| {
             other.claims.iter().any(|claim| round.claims.contains(claim))

@@ -1,4 +1,4 @@
-//! Plays: players of each role, the environment, and the trainings that come before.
+//! Plays: the players of each role, the environment, and the training trials that come first.
 
 use super::{
     cells::Cells,
@@ -20,7 +20,7 @@ use presentation::vocabulary::{Pairs, Play, Player};
 /// The plays of a study.
 ///
 /// # Errors
-/// Names that do not exist, seats without exactly one role, agents that cannot be set against each other.
+/// Unknown names, seats without exactly one role, and agents that cannot meet.
 pub(super) fn resolve(
     sections: &Sections<'_>,
     cells: &Cells,
@@ -28,7 +28,7 @@ pub(super) fn resolve(
 ) -> Result<Vec<Play>, Vec<Diagnostic>> {
     let (mut plays, mut found) = (Vec::new(), Vec::new());
     for named in &sections.written.plays {
-        // A play that the check against the schema refused ended the check of the study before.
+        // The check of the study ends at a play that the schema refuses.
         let Some(text) = sections.text.cross_play.get(&named.name) else {
             continue;
         };
@@ -140,7 +140,7 @@ impl CrossPlayReader<'_> {
         index
     }
 
-    /// The agents that are listed, or all that learn here.
+    /// The listed agents, or all agents that learn in this environment.
     fn players(&mut self, environment: usize) -> Vec<Player> {
         let agents = &self.sections.written.agents;
         let learns = |index: usize| self.sections.learns(Target::Agent(index));
@@ -212,7 +212,7 @@ impl CrossPlayReader<'_> {
         indices
     }
 
-    /// The one cell that trains an agent here.
+    /// The only cell that trains an agent in this environment.
     fn only_cell(&mut self, environment: usize, agent: usize, span: Span) -> Option<usize> {
         let found = self.cells.of_pair((environment, agent));
         let name = &self.sections.written.agents[agent].name;
@@ -241,7 +241,7 @@ impl CrossPlayReader<'_> {
         None
     }
 
-    /// Agents of different environments cannot meet.
+    /// Refuses agents that were trained in different environments.
     fn trained_alike(&mut self, players: &[Player]) {
         let Some((first, others)) = players.split_first() else {
             return;
@@ -333,7 +333,7 @@ impl CrossPlayReader<'_> {
             .map_or(self.named.name_span, |entry| entry.key_span)
     }
 
-    /// Roles with their seats; every seat has one.
+    /// Checks that every seat has one role; returns the roles with their seats.
     fn roles(&mut self, seats: &[String]) -> Vec<(String, Vec<String>)> {
         let named = self.named;
         let written = named.config.get("roles").map_or(&[][..], Node::entries);
@@ -366,7 +366,7 @@ impl CrossPlayReader<'_> {
         roles
     }
 
-    /// Whether a seat is there and no role has it yet.
+    /// Whether a seat exists and has no role yet.
     fn is_free(
         &mut self,
         (seat, span): (&str, Span),

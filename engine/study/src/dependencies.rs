@@ -12,11 +12,10 @@ use contract::artifact::{Reference, named_in};
 use document::diagnostic::{Diagnostic, Span, say_once, suggest};
 use std::{collections::BTreeMap, sync::Arc};
 
-/// Finds the artifacts that every cell takes, and gives an order in which each cell comes after those that it takes
-/// from.
+/// Finds the artifacts that every cell takes, and returns an order in which each cell comes after its sources.
 ///
 /// # Errors
-/// Names that do not exist or mean several cells, seeds that do not run, cells that need themselves.
+/// Unknown names, names that mean several cells, seeds that do not run, and cells that depend on themselves.
 pub fn link(
     sections: &Sections<'_>,
     cells: Cells,
@@ -37,7 +36,7 @@ pub fn link(
         if sources.is_empty() {
             continue;
         }
-        // Neighbours mostly take the same.
+        // Neighbouring cells mostly take the same artifacts.
         let shared = all.last_key_value().filter(|(_, before)| before[..] == sources);
         let sources = shared.map_or_else(|| sources.into(), |(_, before)| Arc::clone(before));
         all.insert(index, sources);
@@ -84,7 +83,7 @@ impl SourceReader<'_> {
         sources
     }
 
-    /// The cell of the schedule of a population that the cell goes on from.
+    /// The cell from which this cell continues, in the schedule of a population.
     fn stretch_before(&self) -> Option<usize> {
         let (search, place) = self.cell.tried()?;
         let before = Some((search, self.sections.searches[search].parent(place)?));
@@ -133,7 +132,7 @@ impl SourceReader<'_> {
         self.only_cell(named, environment, agent)
     }
 
-    /// The environment that an agent was trained in: the one that is named, or that of the cell itself.
+    /// The environment in which an agent was trained: the named one, or that of the cell itself.
     fn environment(&mut self, named: &NamedArtifact<'_>, name: Option<&str>) -> Option<usize> {
         let known = &self.sections.written.environments;
         let own = match self.cell.parts[0].given.target {
@@ -196,7 +195,8 @@ impl SourceReader<'_> {
         None
     }
 
-    /// A combination runs the seeds of the study; an entry of `prepare` runs those that are asked for.
+    /// Whether a cell runs the named seed: a combination runs the seeds of the study, and an entry of `prepare` runs
+    /// those that are asked for.
     fn has_seed(&mut self, named: &NamedArtifact<'_>, cell: usize) -> bool {
         let Some(seed) = named.reference.seed.filter(|seed| !self.seeds.contains(seed)) else {
             return true;
@@ -239,7 +239,7 @@ struct NamedArtifact<'a> {
     reference: &'a Reference,
 }
 
-/// Where a key of an artifact is written, and its dotted path.
+/// Position of a key of an artifact, and its dotted path.
 pub fn place(sections: &Sections<'_>, part: &ResolvedPart, pointer: &str, key: &str) -> (Span, String) {
     let dotted = |words: &[&str]| {
         words
@@ -260,7 +260,7 @@ pub fn place(sections: &Sections<'_>, part: &ResolvedPart, pointer: &str, key: &
     )
 }
 
-/// Cells in an order in which each comes after those that it takes from.
+/// Indices of the cells, each after the cells from which it takes artifacts.
 fn in_order(sections: &Sections<'_>, cells: &Cells) -> Result<Vec<usize>, Vec<Diagnostic>> {
     let mut order = Order {
         cells,
@@ -293,7 +293,7 @@ fn in_order(sections: &Sections<'_>, cells: &Cells) -> Result<Vec<usize>, Vec<Di
     Ok(order.order)
 }
 
-/// A search that remembers the way to where it is.
+/// A depth-first search that keeps the path to its current cell.
 struct Order<'a> {
     cells: &'a Cells,
     done: Vec<bool>,
@@ -302,7 +302,7 @@ struct Order<'a> {
 }
 
 impl Order<'_> {
-    /// Appends a cell after its sources; the cell and its source by which a circle closes, with `way` left at
+    /// Appends a cell after its sources. The error is the cell and the source that close a circle, with `way` left at
     /// the circle.
     fn visit(&mut self, index: usize) -> Result<(), (usize, usize)> {
         if self.done[index] {

@@ -1,13 +1,13 @@
-//! The schema of a study for editors. `check` sees a study after includes and blocks are in their places; an editor
-//! sees the text, where any mapping may take blocks with `<<` and so lack a required key, and any key may stand without
-//! a value, which removes the included one.
+//! The schema of a study for editors. `check` sees a study after includes and blocks were inserted. An editor sees the
+//! text: any mapping may take blocks with `<<` and so lack a required key, and any key may have no value, which removes
+//! the included one.
 
 use serde_json::{Map, Value, json};
 
 /// Name of the definition of the value of `<<`.
 const TAKEN: &str = "taken_blocks";
 
-/// The schema with `<<` wherever keys may stand.
+/// The schema with `<<` in every mapping that may have keys.
 #[must_use]
 pub fn for_editors(mut schema: Value) -> Value {
     loosen(&mut schema);
@@ -30,7 +30,7 @@ fn loosen(schema: &mut Value) {
             for (_, below) in keys.iter_mut().filter(|(key, _)| *key != "x-example") {
                 loosen(below);
             }
-            // A value whose key comes from a block fits none or several of the variants.
+            // A value with keys from a block may fit none or several of the variants.
             if let Some(variants) = keys.remove("oneOf") {
                 keys.insert("anyOf".into(), variants);
             }
@@ -67,7 +67,7 @@ fn or_nothing(schema: &mut Value) {
         ways.push(nothing);
         return;
     }
-    // The description of a key stays where editors look for it.
+    // The description of a key stays at the level where editors look for it.
     let shown = ["description", "default"];
     let mut around: Map<String, Value> = shown
         .into_iter()
@@ -77,7 +77,7 @@ fn or_nothing(schema: &mut Value) {
     *schema = around.into();
 }
 
-/// Allows `<<` in a mapping, which may hold the keys that are required besides.
+/// Allows `<<` in a mapping; the block may contain the required keys.
 fn take(keys: &mut Map<String, Value>) {
     let taken = json!({ "$ref": format!("#/$defs/{TAKEN}") });
     let properties = keys.entry("properties").or_insert_with(|| json!({}));

@@ -1,4 +1,4 @@
-//! Fit of agents and environments: both are built with their defaults, as `check` builds those that a study names.
+//! Fit of agents and environments. Both are built with their defaults, as `check` builds those that a study names.
 
 use contract::{Agent, Environment, Error, Interface, Registry, random, registry::AgentEntry};
 use serde::Serialize;
@@ -8,20 +8,20 @@ use serde::Serialize;
 pub struct FitOptions {
     /// Whether to find the agents that fit an environment, and the environments that fit an agent.
     pub fits: bool,
-    /// Whether to find why the others do not fit.
+    /// Whether to find the reason why each of the others does not fit.
     pub why: bool,
 }
 
-/// An agent or an environment that cannot be used, and why.
+/// An agent or an environment that cannot be used, and the reason.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Unfit {
     /// The agent, or the environment.
     pub name: String,
-    /// The misfit, in words.
+    /// Reason, as a phrase.
     pub reason: String,
 }
 
-/// The environment of this name with its defaults; `None` where there is none or it refuses them.
+/// The environment of this name with its defaults; `None` if there is none or if it refuses them.
 pub fn environment(registry: &Registry, name: &str) -> Option<Box<dyn Environment>> {
     let entry = registry.environments.get(name)?;
     (entry.build)(&entry.about.defaults).ok()
@@ -30,7 +30,7 @@ pub fn environment(registry: &Registry, name: &str) -> Option<Box<dyn Environmen
 /// An agent with its defaults for the seats of an environment.
 ///
 /// # Errors
-/// Why it cannot be used there.
+/// The reason why the agent cannot be used there.
 pub fn agent(entry: &AgentEntry, interface: &Interface) -> Result<Box<dyn Agent>, String> {
     let built = (entry.build)(
         &entry.about.defaults,
@@ -43,7 +43,8 @@ pub fn agent(entry: &AgentEntry, interface: &Interface) -> Result<Box<dyn Agent>
     })
 }
 
-/// The agents that fit an environment: those that learn, those that do not, and the others with their reasons.
+/// The agents sorted by fit to an environment: those that learn, those that do not, and the unfit ones with their
+/// reasons.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Fitting {
     /// Agents that fit and learn.
@@ -54,7 +55,7 @@ pub struct Fitting {
     pub unfit: Vec<Unfit>,
 }
 
-/// How the registered agents fit an interface.
+/// Sorts the registered agents by their fit to an interface.
 #[must_use]
 pub fn agents(registry: &Registry, interface: &Interface) -> Fitting {
     let mut all = Fitting::default();

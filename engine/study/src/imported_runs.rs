@@ -1,4 +1,4 @@
-//! The section `imported`: runs of other programs, which stand beside the study's own agents.
+//! The section `imported`: runs of other programs, which are shown beside the study's own agents.
 
 use super::{checked_sections::Sections, relative_path::name_written_out, sections::Parts, seeds::SeedPlan};
 use analysis::results::Origin;
@@ -16,7 +16,7 @@ use std::{
     slice,
 };
 
-/// Reads the section and enters the metrics of the runs for tables, figures and claims.
+/// Reads the section and adds the metrics of the runs for tables, figures and claims.
 pub(super) fn resolve(
     root: &Node,
     sections: &Sections<'_>,
@@ -56,7 +56,8 @@ impl ImportReader<'_> {
             .push(if help.is_empty() { error } else { error.help(help) });
     }
 
-    /// Runs of others come in one number, and their seeds are above all seeds of the study.
+    /// Refuses seeds that do not fit imported runs: their number is fixed, and their seeds are above all seeds of the
+    /// study.
     fn seeds(&mut self, section: &Entry, plan: &SeedPlan) {
         if plan.design.is_some() {
             let message = "seeds of this study are added look by look, and runs of others cannot be";
@@ -132,7 +133,7 @@ impl ImportReader<'_> {
         (self.found.len() == before).then_some(whole)
     }
 
-    /// A sentence in which files are named as seen from the study's folder.
+    /// A sentence with its files named relative to the study's folder.
     fn seen_from_folder(&self, sentence: &str) -> String {
         let folder = self.sections.folder.display().to_string();
         let plain = sentence.replace('`', "");
@@ -295,7 +296,7 @@ fn sentence(text: &ImportedText, found: &RunCollection) -> String {
         .join(", ")
 }
 
-/// An entry of the section as it is stored in `folder`, with files named as seen from there instead of from `from`.
+/// An entry of the section as it is stored in `folder`, with files named relative to that folder instead of `from`.
 pub(super) fn relocated(entry: Value, from: &Path, folder: &Path) -> Value {
     let seen = |pattern: &Value| {
         json!(name_written_out(

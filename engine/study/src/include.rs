@@ -1,4 +1,4 @@
-//! `include`: other files whose sections a study begins with.
+//! `include`: other files whose sections a study takes over.
 
 use super::{
     overlay::overlay,
@@ -15,7 +15,7 @@ use document::{
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// Most files that a study includes, those of its files counted.
+/// Largest number of files that a study includes, counting those that its files include.
 const MOST_FILES: usize = 64;
 
 /// A study with the sections of the files that it includes.
@@ -26,8 +26,8 @@ pub struct MergedStudy {
     pub files: Vec<PathBuf>,
 }
 
-/// Reads the files that the study in `file` includes and lays its own sections over theirs. Later files are laid over
-/// earlier ones. Names of data files in them are written anew, as seen from the study's folder.
+/// Reads the files that the study in `file` includes and overlays them with its own sections. Later files override
+/// earlier ones. Names of data files in them are rewritten relative to the study's folder.
 ///
 /// # Errors
 /// Files that cannot be read, are wrong as YAML or no mapping, include themselves, or are too many.
@@ -58,11 +58,11 @@ pub fn read(
 struct IncludeReader<'a> {
     /// Folder of the study.
     study: &'a Path,
-    /// Reach of the study: the folders of its files.
+    /// Folders from which the study may read files.
     reach: Reach,
     schema: View<'a>,
     sources: &'a mut Sources,
-    /// The files around the one that is being read, which it must not include.
+    /// The files whose includes are being read; none of them may be included again.
     open: Vec<PathBuf>,
     files: Vec<PathBuf>,
     found: Vec<Diagnostic>,
@@ -108,7 +108,7 @@ impl IncludeReader<'_> {
         Ok(node)
     }
 
-    /// The reach of the files that are named in a file of `folder`: the study's reach, or that of an absolute name.
+    /// The reach of the files that are named in a file of `folder`: that of the study, or that of an absolute name.
     fn reach_from(&self, folder: &Path) -> Reach {
         if self.reach.holds(folder) {
             self.reach.clone()
@@ -117,7 +117,7 @@ impl IncludeReader<'_> {
         }
     }
 
-    /// Refuses a file that is being read already, and the one after the last that may be read.
+    /// Refuses a file that is already being read, and any file beyond the largest number.
     fn admit(&self, name: &str, span: Span, path: &Path) -> Result<(), Vec<Diagnostic>> {
         let error =
             |message: String, help: &str| Err(vec![self.sources.error(span, "include", message).help(help)]);
@@ -136,7 +136,7 @@ impl IncludeReader<'_> {
         Ok(())
     }
 
-    /// The sections of an included file, with data files as seen from the study's folder.
+    /// The sections of an included file, with data files named relative to the study's folder.
     fn sections(&self, mut root: Node) -> Result<Node, Vec<Diagnostic>> {
         if !matches!(root.kind, NodeKind::Mapping(_)) {
             let message = "an included file is a mapping of sections";
@@ -190,13 +190,13 @@ fn forget(node: &mut Node, keys: &[&str]) {
     }
 }
 
-/// Names files, which stand under a key and in lists for it, as seen from another folder.
+/// Rewrites the names of files, which stand under a key and in lists for it, relative to another folder.
 fn relocate(node: &mut Node, key: &str, names_files: &str, (from, to): (&Path, &Path), reach: &Reach) {
     let is_file = key.rsplit('.').next() == Some(names_files);
     match &mut node.kind {
         NodeKind::Scalar(_) => {
             if let Some(text) = node.as_str().filter(|text| is_file && !text.is_empty()) {
-                // A name that leads out stays relative, and is refused where its file is read.
+                // A name that leads outside stays relative, and is refused when its file is read.
                 let path = match reach.find(from, text) {
                     Ok(path) => name_from(to, &path),
                     Err(_) => way(to, &from.join(text)),

@@ -1,5 +1,5 @@
-//! The JSON Schema of a study, the parameters of all registered plugins included. Editors complete by it and
-//! `check` holds studies against it, so the two cannot differ.
+//! The JSON Schema of a study, including the parameters of all registered plugins. Editors use it for completion and
+//! `check` validates studies by it, so the two cannot differ.
 
 use super::sections::StudyText;
 use contract::{Registry, cast, plugin::About};
@@ -12,8 +12,7 @@ use presentation::{kinds, request::Kinds};
 use schemars::SchemaGenerator;
 use serde_json::{Map, Value, json};
 
-/// JSON Schema (draft 2020-12) of a study: that of its sections, with the plugins' own schemas where these
-/// are named.
+/// JSON Schema (draft 2020-12) of a study: that of its sections, with the plugins' own schemas inserted.
 #[must_use]
 pub fn json_schema(registry: &Registry) -> Value {
     let mut generator = SchemaGenerator::default();
@@ -98,13 +97,13 @@ fn choice<'a>(
     })
 }
 
-/// A plugin's schema with the key `preset`, where it has presets.
+/// A plugin's schema with the key `preset`, if it has presets.
 pub(super) fn with_presets(about: &About) -> Value {
     let mut schema = about.schema.clone().to_value();
     if !schema["properties"].is_object() {
         schema["properties"] = json!({});
     }
-    // A plugin that takes any key says so.
+    // A plugin that accepts any key declares so in its schema.
     if !schema["additionalProperties"].is_object() {
         schema["additionalProperties"] = false.into();
     }
@@ -118,7 +117,7 @@ pub(super) fn with_presets(about: &About) -> Value {
     schema
 }
 
-/// Holds a study against the schema.
+/// Validates a study by the schema.
 pub(super) fn check_structure(root: &Node, schema: &Value, sources: &Sources) -> Vec<Diagnostic> {
     let mut checker = Checker::new(sources);
     let start = Span {

@@ -1,24 +1,24 @@
-//! Studies: from one YAML file to its trials, checked so far that no name, metric, key or range can be wrong.
+//! Studies: from one YAML file to its trials, checked until no name, metric, key or range can be wrong.
 //!
 //! | file | content |
 //! |---|---|
 //! | `sections` | types of the sections of a study as they are written |
-//! | `json_schema` | the schema of a study with all plugins' parameters; sections are held against it first |
+//! | `json_schema` | the schema of a study with all plugins' parameters, by which sections are checked first |
 //! | `written` | named parts and their positions |
-//! | `include`, `blocks`, `overlay` | other files and common keys, under the study's own |
+//! | `include`, `blocks`, `overlay` | other files and common keys, overlaid by the study's own keys |
 //! | `path` | dotted paths of sweeps, profiles, overrides and `--set` |
 //! | `section` | a key of any other section, set from the command line |
 //! | `seeds` | a number of seeds, or looks that are planned |
 //! | `settings` | the profile and the options of the command line |
 //! | `sweep`, `overrides` | values that vary over the trials |
-//! | `tune` | keys whose best values are searched |
+//! | `search` | searches for the best values of keys, written in the section `tune` |
 //! | `config` | defaults, presets, data files: a plugin's complete config |
-//! | `part` | a plugin with its complete config, and the config's origin |
-//! | `checked_sections` | the sections that cells are made of |
-//! | `grid` | the configs of a part at every point of a sweep |
-//! | `known` | the parts of cells, each resolved once |
+//! | `part`, `parts` | plugins with their complete configs and origins, and the parts of all points of a sweep |
+//! | `checked_sections` | the sections from which cells are made |
+//! | `plugin_config` | the config of one plugin in a file of its own |
+//! | `editor_schema` | the schema of a study for editors |
 //! | `schedule` | the stretches of a schedule that a population finds |
-//! | `cell`, `cells` | combinations of environment, agent and setting, and how they are made |
+//! | `cell`, `cells` | combinations of environment, agent and setting, and their construction |
 //! | `dependencies` | artifacts that cells take from each other, in an order without cycles |
 //! | `builds`, `fit` | builds the parts of cells: errors of plugins, metrics of trials |
 //! | `cross_play` | plays: agents that meet after they were trained, with their seats |
@@ -26,11 +26,11 @@
 //! | `quotes` | placeholders for values of the study in its texts |
 //! | `search_checks` | checks of searches against the metrics of trials |
 //! | `plan` | the trials of a study, the new ones among them and their time |
-//! | `repeats` | samples of a sweep that came to the same setting |
+//! | `repeats` | samples of a sweep that gave the same setting |
 //! | `resolved`, `resolved_yaml` | a study with all defaults written out |
 //! | `confirmations` | claims that are tested on fresh seeds |
 //! | `relative_path` | relative paths from a folder to a file |
-//! | `loading`, `checked_study` | all of these in their order, and the checked study |
+//! | `loading`, `checked_study` | all of these steps in order, and the checked study |
 
 mod blocks;
 mod builds;

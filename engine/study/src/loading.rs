@@ -1,4 +1,4 @@
-//! A study is read from its file, checked and made ready to be planned.
+//! Reads a study from its file, checks it and makes it ready to be planned.
 
 use super::{
     blocks, builds,
@@ -41,7 +41,7 @@ pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study
 /// The name of the study in a file, even if other sections are wrong.
 ///
 /// # Errors
-/// Mistakes for which the file cannot be read as one document.
+/// Mistakes that keep the file from being read as one document.
 pub fn name_in(path: &Path, registry: &Registry, options: &Options) -> Result<String, Vec<Diagnostic>> {
     let (name, text) = read_text(path)?;
     let (schema, mut sources) = (json_schema(registry), Sources::default());
@@ -50,7 +50,7 @@ pub fn name_in(path: &Path, registry: &Registry, options: &Options) -> Result<St
     Ok(StudyText::read(&composed.root).study.0.unwrap_or_default())
 }
 
-/// The folder that files named by a study are sought from.
+/// Folder relative to which the files that a study names are found.
 fn folder_of(path: &Path) -> &Path {
     path.parent().unwrap_or(Path::new(""))
 }
@@ -75,7 +75,7 @@ fn read_text(path: &Path) -> Result<(String, String), Vec<Diagnostic>> {
     Ok((name, text))
 }
 
-/// Checks the study in a text. Messages call it `name`; data files are sought from `folder`.
+/// Checks the study in a text. `name` is its name in messages; data files are found relative to `folder`.
 ///
 /// # Errors
 /// Everything that is wrong with it, sorted by position.
@@ -134,7 +134,7 @@ pub fn load_text(
     })
 }
 
-/// The value of a section, or nothing after its mistakes are noted.
+/// The value of a section; the default if it has mistakes, which are added to `found`.
 fn kept<T: Default>(read: Result<T, Vec<Diagnostic>>, found: &mut Vec<Diagnostic>) -> T {
     read.unwrap_or_else(|errors| {
         found.extend(errors);
@@ -253,7 +253,7 @@ fn make(
     })
 }
 
-/// The confirmations of the study. With profiles and options it is another one, which confirms nothing.
+/// The confirmations of the study. With a profile or options it is another study, which confirms nothing.
 fn confirmed(
     text: &StudyText,
     root: &Node,
@@ -269,7 +269,8 @@ fn confirmed(
     confirmations::rounds(&text.confirm, root, judged, &used, sections.sources)
 }
 
-/// The chosen setting is measured on other seeds than those by which it was chosen.
+/// Reports a seed that a search shares with the study: the chosen setting is measured on other seeds than those by
+/// which it was chosen.
 fn searched_seed(root: &Node, sections: &Sections<'_>, plan: &SeedPlan) -> Option<Diagnostic> {
     let entry = root.entry("seeds")?;
     let used = |it: &search::LocatedSearch<'_>| {
@@ -351,7 +352,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: FinishedSections) -> Stu
     }
 }
 
-/// A limit that its schema allows and that limits nothing or everything.
+/// Reports a limit that its schema allows and that limits nothing or everything.
 fn wrong_limits(root: &Node, text: &StudyText, sources: &Sources) -> Option<Diagnostic> {
     let LimitError { key, value, instead } = text.limits.0.as_ref()?.check().err()?;
     let span = root.get("limits")?.get(key)?.span;
@@ -367,7 +368,7 @@ fn about_limits(diagnostic: &Diagnostic) -> bool {
     diagnostic.path.split('.').next() == Some("limits")
 }
 
-/// Whether trials cannot be made before the mistake is corrected; mistakes in tables, figures and claims do not hide
+/// Whether trials cannot be made before the mistake is corrected. Mistakes in tables, figures and claims do not hide
 /// others.
 fn blocks_trials(diagnostic: &Diagnostic) -> bool {
     const SHOWN: [&str; 15] = [

@@ -1,4 +1,4 @@
-//! Overlays: two mappings as one, for `include`, `<<` and sections of a file.
+//! Overlays: two mappings merged into one, for `include`, `<<` and sections of a file.
 //!
 //! A key without a value removes the value under it, unless the schema allows `null` there.
 
@@ -8,8 +8,8 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The key that takes blocks.
 pub const TAKE: &str = "<<";
 
-/// Lays `over` on `under`. Mappings are merged key by key, everything else is replaced. Where the schema
-/// asks for one key of several (a plugin, a sampler), another key takes the place of the first.
+/// Overlays `under` with `over`. Mappings are merged key by key, everything else is replaced. If the schema asks for
+/// one key of several (a plugin, a sampler), another key replaces the first.
 pub fn overlay(under: &mut Node, over: Node, place: Option<&View<'_>>) {
     let merges =
         |mine: &[Entry], theirs: &[Entry]| !place.is_some_and(one_of_several) || same_keys(mine, theirs);
@@ -27,7 +27,7 @@ pub fn overlay(under: &mut Node, over: Node, place: Option<&View<'_>>) {
     }
 }
 
-/// Lays entries over others, each found by its key at once: a study may have very many.
+/// Overlays entries with others; each is found by its key at once, since a study may have very many.
 fn overlay_entries(mine: &mut Vec<Entry>, theirs: Vec<Entry>, place: Option<&View<'_>>) {
     let mut all: Vec<Option<Entry>> = std::mem::take(mine).into_iter().map(Some).collect();
     let mut places: BTreeMap<String, usize> = BTreeMap::new();
@@ -53,7 +53,7 @@ fn overlay_entries(mine: &mut Vec<Entry>, theirs: Vec<Entry>, place: Option<&Vie
     *mine = all.into_iter().flatten().collect();
 }
 
-/// Removes the keys without a value where a value is wanted.
+/// Removes keys without a value at places that require a value.
 pub fn without_nothing(node: &mut Node, place: Option<&View<'_>>) {
     if let NodeKind::Mapping(entries) = &mut node.kind {
         entries.retain(|entry| {
@@ -63,7 +63,7 @@ pub fn without_nothing(node: &mut Node, place: Option<&View<'_>>) {
     }
 }
 
-/// Whether a value is absent where one is wanted: parameters that may be `null` become so.
+/// Whether an entry without a value removes the one below: parameters that may be `null` become `null` instead.
 fn takes_away(over: &Node, place: Option<&View<'_>>) -> bool {
     let wanted: Vec<&str> = place.map_or_else(Vec::new, |place| {
         place.alternatives().iter().flat_map(View::types).collect()
@@ -72,7 +72,7 @@ fn takes_away(over: &Node, place: Option<&View<'_>>) -> bool {
     is_null && !wanted.is_empty() && !wanted.contains(&"null")
 }
 
-/// The schema of the values under a key; `None` where it is not known.
+/// The schema of the values under a key; `None` if it is not known.
 pub fn below<'a>(place: &View<'a>, key: &str) -> Option<View<'a>> {
     let places = place.alternatives();
     let mut mappings = places.iter().filter(|place| place.is_mapping());
@@ -153,7 +153,7 @@ mod tests {
             "{title: a, tables: {t: {caption: b}, u: {}}, agents: {c: {walker: {direction: left}}}}",
             "{title: ~, tables: {t: ~, v: null}, agents: {c: {walker: {direction: ~}}}}",
         );
-        // A value that is absent cannot be removed: the check reports the missing key.
+        // An absent value cannot be removed: the check reports the missing key.
         let whole = json!({"tables": {"u": {}, "v": null}, "agents": {"c": {"walker": {}}}});
         assert_eq!(node.to_value(), whole);
     }

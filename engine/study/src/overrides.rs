@@ -45,7 +45,7 @@ pub struct OverrideText {
 }
 
 impl OverrideText {
-    /// Itself with those of its values that are `kept`, as later stages read it.
+    /// The override with those of its values that are in `kept`, as later stages read it.
     pub fn kept(&self, kept: &Override<'_>) -> Self {
         let mut text = self.clone();
         text.set
@@ -59,7 +59,7 @@ impl OverrideText {
 pub struct Override<'a> {
     /// The combinations.
     pub selection: Selection,
-    /// The keys, as written and as found, with their values.
+    /// The keys as written and as resolved, with their values.
     pub set: Vec<(String, KeyPath<'a>, Node)>,
 }
 
@@ -74,8 +74,7 @@ impl Override<'_> {
 /// Reads the section `overrides`; keys that a profile or `--set` fixed are left out.
 ///
 /// # Errors
-/// Names and paths that do not exist, values that do not fit, values that apply nowhere or that a sweep sets
-/// as well.
+/// Unknown names and paths, values that do not fit, and values that apply nowhere or that a sweep sets as well.
 pub fn read<'a>(
     root: &Node,
     texts: &FittingItems<OverrideText>,
@@ -170,7 +169,7 @@ fn useless(
 /// Reads the section `exclude`.
 ///
 /// # Errors
-/// Names that do not exist, and sections that leave nothing.
+/// Unknown names, and sections that leave no combination.
 pub fn read_exclude(
     root: &Node,
     texts: &FittingItems<ExcludeText>,

@@ -9,7 +9,7 @@ use std::sync::{Arc, OnceLock};
 pub struct ResolvedPart {
     /// The plugin with its complete config.
     pub part: Arc<Part>,
-    /// Hash of the part, once it was asked for.
+    /// Hash of the part, computed on the first request.
     id: OnceLock<String>,
     /// Origin of the config, to find the place of a mistake.
     pub given: ConfigOrigin,
@@ -36,13 +36,13 @@ impl ResolvedPart {
 /// The origin of a part's config: everything that changes it, other than its own section.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ConfigOrigin {
-    /// Target that names the part.
+    /// Target under which the study names the part.
     pub target: Target,
     /// Overrides that apply, by index.
     pub overrides: Vec<usize>,
-    /// Dimensions of the sweep with the point taken.
+    /// Dimensions of the sweep, each with the chosen point.
     pub points: Vec<(usize, usize)>,
-    /// A search with the setting taken.
+    /// The search and the place of the setting that it tries.
     pub tried: Option<(usize, usize)>,
     /// The part of a schedule that a protocol takes.
     pub stretch: Option<ScheduleStretch>,

@@ -19,15 +19,15 @@ pub struct KeyPath<'a> {
     pub config: View<'a>,
     /// Schema of a value at the key.
     pub schema: View<'a>,
-    /// Where the path is written.
+    /// Position of the path.
     pub span: Span,
 }
 
 /// Finds the key that `text` names.
 ///
 /// # Errors
-/// Where it does not exist: the part that is unknown, with the nearest known one. Nothing where the plugin itself is
-/// unknown, which the check against the schema reports.
+/// The unknown part of the path, with the nearest known name. The list is empty if the plugin itself is unknown, which
+/// the check against the schema reports.
 pub fn find<'a>(
     text: &str,
     span: Span,
@@ -83,8 +83,7 @@ pub fn find<'a>(
     })
 }
 
-/// The key under which a plugin has keys that a study names, which are then addressed as the plugin's own, and the
-/// names that exist.
+/// The key under which a plugin keeps free keys of a study, which paths address as the plugin's own, and their names.
 fn own_keys<'a, 'w>(config: &View<'a>, named: Option<&'w NamedPart>) -> Option<(&'a str, Vec<&'w str>)> {
     let names = config.property_names().into_iter();
     let is_marked = |name: &&str| {
@@ -155,7 +154,7 @@ impl PathText<'_> {
         self.unknown(first + index, message, known)
     }
 
-    /// Nothing of the study begins with these words.
+    /// The message about a path whose first words name nothing in the study.
     fn names_no_part(&self) -> Diagnostic {
         let Self { words, written, .. } = self;
         let named = |list: &'_ [NamedPart]| list.iter().map(|it| it.name.clone()).collect::<Vec<_>>();
@@ -177,7 +176,7 @@ impl PathText<'_> {
         self.unknown(index, message, known.iter().map(String::as_str).collect())
     }
 
-    /// The path ends before a key.
+    /// The message about a path that ends before a key.
     fn names_no_key(&self, used: usize, config: &View<'_>) -> Diagnostic {
         let names = config.property_names();
         let example = format!("{}.{}", self.words[used - 1], names.first().unwrap_or(&"key"));
@@ -187,7 +186,7 @@ impl PathText<'_> {
     }
 }
 
-/// Why a path that begins with `prepare` names nothing.
+/// The message about a path that begins with `prepare` and names nothing.
 fn nothing_prepared(
     words: &[&str],
     span: Span,
@@ -214,7 +213,7 @@ fn nothing_prepared(
     sources.error(span, at, message).help(help)
 }
 
-/// The target of the first words, and how many they are.
+/// The target of the first words, and the number of these words.
 fn begin(words: &[&str], written: &Written) -> Option<(Target, usize)> {
     let environment = |name: &str| {
         written
@@ -326,7 +325,7 @@ impl KeyPath<'_> {
         self.keys == ["preset"]
     }
 
-    /// Whether both name the same key, or one a key inside the other.
+    /// Whether both name the same key, or one names a key inside the other.
     #[must_use]
     pub fn overlaps(&self, other: &KeyPath<'_>) -> bool {
         self.target == other.target
@@ -338,8 +337,8 @@ impl KeyPath<'_> {
     }
 }
 
-/// Writes a value at `keys` below `node`. A mapping with fixed keys is written key by key, so that its other
-/// keys stay; a variant of an enum takes the place of another variant.
+/// Writes a value at `keys` below `node`. A mapping with fixed keys is written key by key, so that its other keys stay;
+/// a variant of an enum replaces another variant.
 pub fn assign(node: &mut Node, schema: &View<'_>, keys: &[String], span: Span, value: &Node) {
     let Some((first, rest)) = keys.split_first() else {
         match schema

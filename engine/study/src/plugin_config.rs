@@ -9,8 +9,7 @@ use document::{
 };
 use std::path::Path;
 
-/// Reads, checks and completes the config of the plugin `name` in a YAML file; the defaults where there is no
-/// file.
+/// Reads, checks and completes the config of the plugin `name` in a YAML file; returns the defaults without a file.
 ///
 /// # Errors
 /// Everything that is wrong with it, sorted by position.
@@ -23,10 +22,11 @@ pub fn load_config(name: &str, about: &About, path: Option<&Path>) -> Result<Par
     read_config(name, about, &title, &text, folder)
 }
 
-/// As [`load_config`], from a text that is at hand: messages call it `title`, and data files are sought from `folder`.
+/// Like [`load_config`], but from a text: `title` is its name in messages, and data files are found relative to
+/// `folder`.
 ///
 /// # Errors
-/// As [`load_config`].
+/// The errors of [`load_config`].
 pub fn read_config(
     name: &str,
     about: &About,

@@ -91,7 +91,7 @@ impl Filler<'_> {
         }
     }
 
-    /// A text with its values; as the error, the first placeholder without one.
+    /// A text with its values; the error is the first placeholder without a value.
     fn text(&self, text: &str) -> Result<String, String> {
         let mut filled = String::with_capacity(text.len());
         let mut rest = text;
@@ -114,7 +114,7 @@ impl Filler<'_> {
         Ok(filled + rest)
     }
 
-    /// The value at a dotted path, in words.
+    /// The value at a dotted path, as text.
     fn value(&self, path: &str) -> Option<String> {
         let (first, rest) = path.split_once('.')?;
         let section = |name: &str| self.resolved.iter().find(|(known, _)| known == name);
@@ -161,7 +161,7 @@ fn descend<'v>(value: &'v Value, path: &str) -> Option<&'v Value> {
     path.split('.').try_fold(value, |value, key| value.get(key))
 }
 
-/// A number with its thousands apart from 10 000 on, or a word.
+/// A number, with its thousands separated from 10 000 on, or a word.
 fn in_words(value: &Value) -> Option<String> {
     match value {
         Value::Number(number) => Some(number.as_u64().map_or_else(|| number.to_string(), apart)),

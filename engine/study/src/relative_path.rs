@@ -1,5 +1,5 @@
-//! Relative paths from folders to files, by their names alone: they hold wherever the folder and the file are moved
-//! together.
+//! Relative paths from folders to files, computed from the names alone. They stay valid if the folder and the file are
+//! moved together.
 
 use document::reach::Reach;
 use std::{
@@ -16,14 +16,14 @@ pub fn way(from: &Path, to: &Path) -> PathBuf {
     up.chain(to[shared..].iter().cloned()).collect()
 }
 
-/// The name of a file in a study of `folder`: the relative path to it, or its absolute path where that would lead out
-/// of the folder and its project.
+/// The name of a file in a study of `folder`: the relative path to it, or its absolute path if the relative one would
+/// lead out of the folder and its project.
 #[must_use]
 pub fn name_from(folder: &Path, to: &Path) -> PathBuf {
     name_within(&Reach::of(folder), folder, to)
 }
 
-/// As [`name_from`], in a study that is written out into `folder`.
+/// Like [`name_from`], for a study that is written out into `folder`.
 #[must_use]
 pub fn name_written_out(folder: &Path, to: &Path) -> PathBuf {
     name_within(&Reach::of_written_out(folder), folder, to)
@@ -37,7 +37,7 @@ fn name_within(reach: &Reach, folder: &Path, to: &Path) -> PathBuf {
     }
 }
 
-/// The path to which a relative path leads from a folder.
+/// The path that a relative path leads to from a folder.
 #[must_use]
 pub fn along(from: &Path, way: &Path) -> PathBuf {
     parts(&from.join(way)).into_iter().collect()
@@ -45,7 +45,7 @@ pub fn along(from: &Path, way: &Path) -> PathBuf {
 
 /// The parts of a path from the root, without `.` and `..`.
 fn parts(path: &Path) -> Vec<OsString> {
-    // The folder of a file that is named alone is the empty path.
+    // A file that is named alone has the empty path as its folder.
     let path = if path.as_os_str().is_empty() {
         Path::new(".")
     } else {

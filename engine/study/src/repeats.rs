@@ -1,4 +1,4 @@
-//! Samples of a sweep with the same setting, as those of whole numbers may be: they are tried once, with a warning.
+//! Samples of a sweep with the same setting, which occur with whole numbers. They are tried once, with a warning.
 
 use super::sweep::Dimension;
 use document::{
@@ -9,14 +9,14 @@ use document::{
 /// Samples of a sweep, several with the same setting. Its display is `6 samples, 2 different settings`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Repeats {
-    /// How many samples were drawn.
+    /// Number of drawn samples.
     pub samples: usize,
-    /// How many different settings they are.
+    /// Number of different settings among them.
     pub settings: usize,
 }
 
 impl Repeats {
-    /// Those of a dimension; `None` where all of its points differ.
+    /// The repeats of a dimension; `None` if all of its points differ.
     #[must_use]
     pub fn of(dimension: &Dimension<'_>) -> Option<Self> {
         let (samples, settings) = (dimension.drawn, dimension.n_points());
@@ -36,7 +36,7 @@ impl std::fmt::Display for Repeats {
 }
 
 impl Dimension<'_> {
-    /// The warning that samples have the same setting, where some do.
+    /// The warning that some samples have the same setting.
     #[must_use]
     pub fn repeats(&self, sources: &Sources) -> Option<Diagnostic> {
         let repeats = Repeats::of(self)?;

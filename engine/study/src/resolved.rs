@@ -1,4 +1,4 @@
-//! The sections of a study that trials are made of, with every default.
+//! The sections of a study from which trials are made, with every default.
 
 use super::{
     checked_sections::Sections,
@@ -50,7 +50,7 @@ impl Section {
     }
 }
 
-/// The sections that trials are made of, in the order of a study, with all defaults.
+/// The sections from which trials are made, in the order of a study, with all defaults.
 pub fn sections(
     root: &Node,
     sections: &Sections<'_>,
@@ -110,7 +110,7 @@ pub fn sections(
 /// Entries with their names, in the order of the study.
 pub(super) type Entries = Vec<(String, Value)>;
 
-/// The sections of named entries besides environments and agents; without entries where a study has none.
+/// The sections of named entries besides environments and agents; empty if a study has none.
 fn named_sections(root: &Node, plays: &[Play]) -> [(&'static str, Entries); 2] {
     let imported = root.get("imported").map_or(&[][..], Node::entries).iter();
     let imported = imported.map(|entry| (entry.key.clone(), entry.value.to_value()));

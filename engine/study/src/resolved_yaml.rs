@@ -14,14 +14,14 @@ use serde_json::{Value, json};
 use serde_saphyr::FlowSeq;
 use std::{collections::BTreeMap, path::Path};
 
-/// The study as YAML with every default written out, to be stored in `folder`: data files are named relative
-/// to it.
+/// The study as YAML with every default written out, to be stored in `folder`; data files are named relative to that
+/// folder.
 ///
 /// The chosen profile and the options of the command line are part of it; profiles and presets are not. It
 /// loads to the same trials, and other readers find the same values in it.
 ///
 /// # Errors
-/// [`Error::Render`] where a value has no form in YAML.
+/// [`Error::Render`] if a value has no form in YAML.
 pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
     let texts = [
         ("study", &study.name),
@@ -40,7 +40,7 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
         sections.push(("answers".into(), Section::Plain(json!(lines))));
     }
     sections.push(("deviations".into(), Section::Plain(json!(study.deviations))));
-    // In the resolved configs files are named from the current folder, in sweeps and overrides from the
+    // Resolved configs name files relative to the current folder; sweeps and overrides name them relative to the
     // study's.
     let relocated = study.resolved.iter().map(|(key, section)| {
         if key == "imported" {
@@ -87,12 +87,12 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
 /// A section as a study has it, in YAML.
 ///
 /// # Errors
-/// [`Error::Render`] where a value has no form in YAML.
+/// [`Error::Render`] if a value has no form in YAML.
 pub fn section_yaml(name: &str, value: Value) -> Result<String, Error> {
     text(&[(name.into(), Section::Plain(value))])
 }
 
-/// Leaves out absent values: exactly one kind of a table or figure is given, and the others would be noise.
+/// Leaves out absent values: a table or figure has exactly one kind, and the empty others would be noise.
 fn given(value: Value) -> Value {
     match value {
         Value::Object(map) => {
@@ -122,7 +122,7 @@ fn figure_from(spec: &FigureSpec, folder: &Path) -> Value {
     value
 }
 
-/// Names data files relative to `folder`, whichever folder they are named from now.
+/// Names data files relative to `folder`; they are named relative to `from` before.
 fn relocate(value: Value, key: &str, from: &Path, folder: &Path) -> Value {
     let is_file = key == "file" || key.ends_with(".file");
     match value {
@@ -225,7 +225,7 @@ impl Serialize for SortedValue<'_> {
     }
 }
 
-/// Whether a value is a number or a single word, which stands on one line with others.
+/// Whether a value is a number or a single word, which may share a line with others.
 fn is_word(value: &Value) -> bool {
     match value {
         Value::Array(_) | Value::Object(_) => false,

@@ -1,18 +1,19 @@
-//! Schedules of settings, as populations find them: every stretch of one is a cell of its own, whose protocol
-//! goes on from the checkpoint that the stretch before left.
+//! Schedules of settings, as populations find them. Each stretch is a cell of its own, whose protocol continues from
+//! the checkpoint that the stretch before it left.
 
 use super::search::LocatedSearch;
 use document::Node;
 use serde_json::{Value, json};
 
-/// A part of a schedule: from the checkpoint of another trial, or the first step, to a pause or the end.
+/// A part of a schedule, which begins at the first step or a checkpoint of another trial and ends at a pause or the
+/// last step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ScheduleStretch {
     /// The search, by its index.
     pub search: usize,
-    /// Whether it goes on from another one.
+    /// Whether it continues from another stretch.
     pub goes_on: bool,
-    /// The step at which it ends, where that is not the protocol's last.
+    /// The step at which it ends, if that is not the protocol's last.
     pub until: Option<u64>,
 }
 

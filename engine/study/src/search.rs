@@ -1,6 +1,6 @@
 //! The section `tune`: searched keys of an agent, the method, and the settings that were tried so far.
 //!
-//! A study with a search is read again for every generation: [`Progress`] holds the settings that exist and the one
+//! A study with a search is read again for every generation. [`Progress`] holds the settings that exist and the one
 //! that was chosen. Its trials are cells of their own ([`Place::Tried`](crate::cell::Place::Tried)), and the agent
 //! itself has no trials before its setting is chosen.
 
@@ -24,12 +24,12 @@ use std::collections::BTreeMap;
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SearchText {
-    /// Keys of one agent by dotted path, each with the values among which is searched.
+    /// Keys of one agent by dotted path, each with its possible values.
     #[schemars(extend("minProperties" = 1))]
     over: BTreeMap<String, RangeText>,
     /// The metric by which settings are compared: its mean over the final episodes and the seeds of the search.
     metric: String,
-    /// Which values of the metric are better.
+    /// Whether higher or lower values of the metric are better.
     #[serde(default)]
     direction: Direction,
     /// The environment in which settings are compared; the only one where absent.
@@ -38,15 +38,15 @@ pub(super) struct SearchText {
     /// Number of settings that are tried.
     #[schemars(range(min = 1, max = 10_000))]
     settings: usize,
-    /// Seeds of each setting. They are others than those of the study, on which the chosen setting is measured.
+    /// Seeds of each setting. They differ from those of the study, on which the chosen setting is measured.
     #[serde(default = "one")]
     #[schemars(range(min = 1, max = 1000))]
     seeds: u64,
-    /// How the next setting is come by.
+    /// Method of choosing the next setting.
     #[serde(default)]
     method: Method,
-    /// Treatment of a setting of which a trial fails: the search waits for it until it is run again, or goes on and
-    /// ranks it last. One whose numbers are not finite ranks last always.
+    /// Treatment of a setting with a failed trial: the search waits until the trial is run again, or goes on and ranks
+    /// the setting last. A setting whose numbers are not finite always ranks last.
     #[serde(default, skip_serializing_if = "Failed::is_wait")]
     failed: Failed,
 }
@@ -55,18 +55,18 @@ fn one() -> u64 {
     1
 }
 
-/// Values among which is searched.
+/// Possible values of a searched key.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(super) enum RangeText {
     /// Numbers between two limits.
     Uniform(
-        /// Numbers of which each is as likely as another before anything is known.
+        /// Numbers that are equally likely before anything is known.
         Limits,
     ),
     /// Numbers above 0 between two limits.
     LogUniform(
-        /// Numbers whose logarithms are as likely as others before anything is known.
+        /// Numbers whose logarithms are equally likely before anything is known.
         Limits,
     ),
     /// Listed values.
@@ -127,13 +127,13 @@ impl LocatedSearch<'_> {
         keys.zip(values).collect()
     }
 
-    /// The place of the setting whose learning the one at `place` goes on with.
+    /// The place of the setting whose learning the one at `place` continues.
     #[must_use]
     pub fn parent(&self, place: usize) -> Option<usize> {
         self.progress.parents.get(place).copied().flatten()
     }
 
-    /// The settings along the way to the chosen member of a population, without that; none for other searches.
+    /// The settings that lead to the chosen member of a population, without that member; none for other searches.
     #[must_use]
     pub fn way_to_chosen(&self) -> Vec<usize> {
         let Progress { chosen, parents, .. } = &self.progress;
@@ -143,10 +143,11 @@ impl LocatedSearch<'_> {
     }
 }
 
-/// Reads all searches; keys that a profile or `--set` fixed are left out. `progress` says how far they are, by name.
+/// Reads all searches; keys that a profile or `--set` fixed are left out. `progress` gives the progress of each search
+/// by name.
 ///
 /// # Errors
-/// Paths and names that do not exist, limits that hold nothing, and agents that are searched twice or swept besides.
+/// Unknown paths and names, limits that contain nothing, and agents that are searched twice or also swept.
 pub fn read<'a>(
     texts: &FittingEntries<SearchText>,
     written: &Written,
@@ -157,7 +158,7 @@ pub fn read<'a>(
 ) -> Result<Vec<LocatedSearch<'a>>, Vec<Diagnostic>> {
     let (mut searches, mut found) = (Vec::<LocatedSearch<'a>>::new(), Vec::new());
     for named in &written.searches {
-        // The check against the schema reported a search that it refused.
+        // The check against the schema already reported a search that it refused.
         let Some(text) = texts.get(&named.name) else {
             continue;
         };
@@ -309,7 +310,7 @@ impl<'a> SearchReader<'a, '_> {
         }
     }
 
-    /// The one agent whose keys are searched, and where it is named first.
+    /// The only agent whose keys are searched, and the position of its first key.
     fn agent(&self, keys: &[(String, KeyPath<'a>, Range)]) -> Result<(usize, Span), Vec<Diagnostic>> {
         let agents = keys.iter().filter_map(|(text, path, _)| match path.target {
             Target::Agent(index) => Some((text, index, path.span)),
@@ -372,7 +373,7 @@ impl<'a> SearchReader<'a, '_> {
         })
     }
 
-    /// Nothing else varies the agent, or the environment in which settings are compared.
+    /// Checks that nothing else varies the agent, or the environment in which settings are compared.
     fn alone(
         &self,
         agent: usize,
@@ -417,7 +418,7 @@ impl<'a> SearchReader<'a, '_> {
         }
     }
 
-    /// A population of one has no member to replace.
+    /// Refuses a population of one, which has no member to replace.
     fn has_members(&self, settings: usize, method: &Method) -> Result<(), Vec<Diagnostic>> {
         if settings > 1 || !matches!(method, Method::Population(_)) {
             return Ok(());
@@ -426,7 +427,7 @@ impl<'a> SearchReader<'a, '_> {
         Err(self.wrong_settings("a population of one setting has nobody to learn from", help))
     }
 
-    /// A normal distribution has no place for listed values.
+    /// Refuses listed values for methods that sample from a normal distribution.
     fn can_move(
         &self,
         keys: &[(String, KeyPath<'a>, Range)],
@@ -448,7 +449,7 @@ impl<'a> SearchReader<'a, '_> {
         )])
     }
 
-    /// There are as many settings as are to be tried.
+    /// Checks that at least as many settings exist as are to be tried.
     fn has_room(
         &self,
         keys: &[(String, KeyPath<'a>, Range)],

@@ -1,4 +1,4 @@
-//! Checks of searches against the metrics of trials: the compared metric, and the pauses.
+//! Checks of searches against the metrics of trials: the compared metric and the pauses.
 
 use super::{checked_sections::Sections, parts, search::LocatedSearch, written::Target};
 use analysis::search::Search;
@@ -44,7 +44,7 @@ pub fn searches(sections: &Sections<'_>, vocabulary: &Vocabulary) -> Vec<Diagnos
     names.into_found()
 }
 
-/// Reports a metric that cannot compare settings, or a missing direction of a metric of which less is better.
+/// Reports a metric that cannot compare settings, or a missing direction of a metric whose lower values are better.
 fn compared_by(names: &mut Names<'_>, search: &Search, place: &Place<'_>) {
     let metric = &search.metric;
     if [WALL_TIME, TIME_PER_UPDATE, TIME_PER_DECISION].contains(&metric.as_str()) {
@@ -75,7 +75,7 @@ fn compared_by(names: &mut Names<'_>, search: &Search, place: &Place<'_>) {
     }
 }
 
-/// Reports a search that cannot pause its trials, and a population that cannot go on from them.
+/// Reports a search that cannot pause its trials, and a population that cannot continue from the pauses.
 fn pauses(names: &mut Names<'_>, sections: &Sections<'_>, searched: &LocatedSearch<'_>, place: &Place<'_>) {
     let plugin = sections.written.protocol.plugin.as_str();
     let config = parts::protocol_of(sections, searched);
@@ -133,7 +133,7 @@ fn pauses(names: &mut Names<'_>, sections: &Sections<'_>, searched: &LocatedSear
     names.say(place.value("pauses"), message, help);
 }
 
-/// Whether an agent that trains itself goes on after a pause; `None` for other agents.
+/// Whether an agent that trains itself continues after a pause; `None` for other agents.
 fn own_training(sections: &Sections<'_>, searched: &LocatedSearch<'_>) -> Option<bool> {
     let named = sections.written.part(Target::Agent(searched.agent))?;
     let entry = sections.registry.agents.get(named.plugin.as_str());

@@ -1,5 +1,5 @@
-//! A key of a section that is no part of trials, set by a profile or from the command line:
-//! `--set tables.t.caption=...`, `--set claims.0.exploratory=...`, `--set sweep.learner.discount='{ grid: [0.9] }'`.
+//! A key of a section that does not affect trials, set by a profile or from the command line: `--set
+//! tables.t.caption=...`, `--set claims.0.exploratory=...`, `--set sweep.learner.discount='{ grid: [0.9] }'`.
 
 use super::{overlay::below, path::assign};
 use document::{
@@ -12,7 +12,7 @@ use serde_json::Value;
 /// Writes the value of `entry`, whose key is a dotted path, into the document.
 ///
 /// # Errors
-/// Where the path names nothing: the word that is unknown, with the nearest known one.
+/// The unknown word of the path, with the nearest known one.
 pub fn set(root: &mut Node, entry: &Entry, schema: &Value, sources: &Sources) -> Result<(), Vec<Diagnostic>> {
     let words: Vec<&str> = entry.key.split('.').collect();
     let way = PathAssignment {
@@ -39,21 +39,21 @@ pub fn set(root: &mut Node, entry: &Entry, schema: &Value, sources: &Sources) ->
     })
 }
 
-/// A dotted path with the value that is set there.
+/// A dotted path with the value to be set there.
 struct PathAssignment<'a> {
     words: &'a [&'a str],
     span: Span,
     value: &'a Node,
 }
 
-/// A word of a path that names nothing, and the words that are known there.
+/// A word of a path that names nothing, and the words that are known at its place.
 struct UnknownWord {
     index: usize,
     known: Vec<String>,
 }
 
 impl PathAssignment<'_> {
-    /// Writes the value below `node`, which the words before `first` name.
+    /// Writes the value below `node`, to which the words before `first` lead.
     fn put(&self, node: &mut Node, place: &View<'_>, first: usize) -> Result<(), UnknownWord> {
         match &mut node.kind {
             NodeKind::Sequence(items) => self.put_into_list(items, place, first),
@@ -67,7 +67,7 @@ impl PathAssignment<'_> {
                     assign(node, place, &[name], self.span, self.value);
                     return Ok(());
                 }
-                // `known` found the entry.
+                // `known` has found the entry.
                 let entry = entries.iter_mut().find(|entry| entry.key == name);
                 entry.map_or(Ok(()), |entry| self.put(&mut entry.value, &below, next))
             }
@@ -96,8 +96,7 @@ impl PathAssignment<'_> {
         }
     }
 
-    /// The entry that the next words name, which may have dots in its name: how many words, and the schema
-    /// below.
+    /// The number of words that name the next entry, whose name may contain dots, and the schema below it.
     fn known<'b>(&self, entries: &[Entry], place: &View<'b>, first: usize) -> Option<(usize, View<'b>)> {
         let longest = (1..=self.words.len() - first).rev();
         let places = place.alternatives();
@@ -125,7 +124,7 @@ impl PathAssignment<'_> {
             }
             Err(unknown) => unknown,
         };
-        // Sections of free names: a new entry is given as a whole, and its name may have dots.
+        // Sections with free names: a new entry is given as a whole, and its name may contain dots.
         if place.descend(&whole).is_ok() && matches!(self.value.kind, NodeKind::Mapping(_)) {
             assign(node, place, &whole, self.span, self.value);
             return Ok(());

@@ -1,5 +1,5 @@
-//! The sections of a study as they are written. Editors complete by their schema, studies are held against it, and they
-//! are read; the tree of the document is used beside them for positions and for the order of names.
+//! The sections of a study as they are written. Editors use their schema for completion, studies are validated by it,
+//! and the sections are read into these types. The tree of the document gives positions and the order of names.
 
 use super::{
     confirmations::ConfirmationText,
@@ -29,15 +29,15 @@ pub(super) struct StudyText {
     /// Name of the study and of its folder of results.
     #[schemars(extend("pattern" = SLUG))]
     pub study: Fitting<String>,
-    /// Files whose sections this one begins with: one, or several of which later ones win. The study's own sections are
-    /// laid over them, key by key; lists and values are replaced.
+    /// Files whose sections this one begins with: one, or several of which later ones win. The study's own sections
+    /// override them key by key; lists and values are replaced.
     pub include: Fitting<Files>,
-    /// Keys by name, which `<<: NAME` puts into any mapping; keys beside `<<` win.
+    /// Keys by name, which `<<: NAME` inserts into any mapping; keys beside `<<` take precedence.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     pub blocks: FittingEntries<Map<String, Value>>,
     /// Subject of the study, as a heading.
     pub title: Fitting<String>,
-    /// Where the published numbers come from.
+    /// Source of the published numbers.
     pub source: Fitting<String>,
     /// A name for the studies whose verdicts are read together, such as `chapter 3`. The overview takes these
     /// together (Holm); without it the study is a family of its own.
@@ -54,8 +54,8 @@ pub(super) struct StudyText {
     pub success: Fitting<Success>,
     /// Swept keys, each with the way its values are made.
     pub sweep: FittingEntries<Generator>,
-    /// Searches for settings of agents, by name. Results of such an agent are those of the best setting, measured on
-    /// seeds that the search has not seen.
+    /// Searches for settings of agents, by name. The results of such an agent are those of its best setting, measured
+    /// on seeds that the search has not seen.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     pub tune: FittingEntries<SearchText>,
     /// Named budgets of the study: values that replace others, by dotted path.
@@ -66,8 +66,8 @@ pub(super) struct StudyText {
     /// Plays by name: agents that meet after they were trained, in every combination over roles.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     pub cross_play: FittingEntries<PlayText>,
-    /// Runs of other programs by name, each entry in one environment or a list of such. They stand beside the agents in
-    /// tables, figures and claims, and are marked there as imported.
+    /// Runs of other programs by name, each entry in one environment or a list of such. They appear beside the agents
+    /// in tables, figures and claims, marked as imported.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     pub imported: FittingEntries<Parts>,
     /// Values for some combinations only.
@@ -75,10 +75,10 @@ pub(super) struct StudyText {
     /// The sections on results.
     #[serde(flatten)]
     pub request: RequestText,
-    /// Rounds of claims and published values on fresh seeds. The last word on each is that of all its seeds together,
-    /// with the level divided among all looks.
+    /// Rounds of claims and published values on fresh seeds. The final verdict on each is that of all its seeds
+    /// together, with the level divided among all looks.
     pub confirm: FittingItems<ConfirmationText>,
-    /// Limits of one trial, and failures that are tried again; no trial's numbers depend on it.
+    /// Limits of one trial, and failures after which it is tried again; the numbers of trials do not depend on them.
     pub limits: Fitting<Limits>,
 }
 
@@ -89,7 +89,7 @@ impl StudyText {
         serde_json::from_value(root.to_value()).unwrap_or_default()
     }
 
-    /// Reads the searches, plays and seeds again, of which a profile or an option may have changed keys.
+    /// Reads the searches, plays and seeds again, since a profile or an option may have changed their keys.
     pub(super) fn read_parts(&mut self, written: &Written) {
         let values = |parts: &[NamedPart]| -> Value {
             let value = |named: &NamedPart| (named.name.clone(), named.config.to_value());
@@ -132,7 +132,7 @@ pub struct PlayText {
     #[serde(default = "episodes")]
     #[schemars(range(min = 1, max = 1_000_000_000))]
     pub episodes: u64,
-    /// Which seeds of the agents meet.
+    /// Choice of the seeds of agents that meet.
     #[serde(default)]
     pub pairs: Pairs,
     /// Keys of the environment that differ from the training.
@@ -145,7 +145,7 @@ pub struct PlayText {
 #[serde(transparent)]
 pub struct Seats(#[schemars(length(min = 1))] pub Vec<String>);
 
-/// Episodes of each trial where a play gives no number.
+/// Default number of episodes of each trial of a play.
 fn episodes() -> u64 {
     100
 }
@@ -154,8 +154,8 @@ fn episodes() -> u64 {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Parts {
-    /// In one.
+    /// Runs in one environment.
     One(Box<ImportedText>),
-    /// In several, a part for each.
+    /// Runs in several environments, one part for each.
     Several(#[schemars(length(min = 1))] Vec<ImportedText>),
 }

@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 
 /// Largest number of seeds of a study.
 pub(super) const MOST_SEEDS: u64 = 1_000_000;
-/// Most seeds that a design may reach.
+/// Largest number of seeds that a design may reach.
 const MOST_IN_DESIGN: u64 = 1000;
 /// Largest number of looks of a design.
 const MOST_LOOKS: u64 = 50;
@@ -34,7 +34,7 @@ pub(super) enum SeedsText {
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DesignText {
-    /// The first seed; those after it follow one by one.
+    /// The first seed; the others follow it without gaps.
     #[serde(default, skip_serializing_if = "is_zero")]
     #[schemars(range(max = MOST_SEEDS))]
     first: u64,
@@ -54,7 +54,7 @@ pub(super) struct DesignText {
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(untagged)]
 enum LooksText {
-    /// Their number.
+    /// Number of looks.
     Number(#[schemars(range(min = 2, max = MOST_LOOKS))] u64),
     /// The number of seeds at each.
     Listed(
@@ -73,7 +73,7 @@ pub struct SeedPlan {
 }
 
 impl SeedPlan {
-    /// The seeds of the section, which stands in `node`; one seed where it is absent.
+    /// The seeds of the section in `node`; one seed if it is absent.
     ///
     /// # Errors
     /// Looks that contradict each other or the limits.
@@ -198,7 +198,7 @@ fn listed(looks: &[u64]) -> String {
     looks.iter().map(u64::to_string).collect::<Vec<_>>().join(", ")
 }
 
-/// So many looks from the least to the most seeds, at equal distances as far as whole numbers allow.
+/// Numbers of seeds at `looks` looks from `least` to `most`, at equal distances as far as whole numbers allow.
 fn evenly(least: u64, most: u64, looks: u64) -> Vec<u64> {
     let steps = looks.max(2) - 1;
     (0..=steps)

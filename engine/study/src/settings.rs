@@ -1,7 +1,7 @@
 //! The chosen profile and the options of the command line, written into the study.
 //!
 //! Keys of environments, agents, protocol, plays, searches, entries of `prepare` and seeds are set in these parts,
-//! where a sweep respects them. Keys of every other section, the sweep's too, are set in the document, before it is
+//! which a sweep respects. Keys of every other section, including the sweep, are set in the document before it is
 //! checked.
 
 use super::{
@@ -28,11 +28,11 @@ pub struct Options {
     pub profile: Option<String>,
     /// `PATH=VALUE` words, applied after the profile, in order.
     pub sets: Vec<String>,
-    /// Number of seeds in place of the study's.
+    /// Number of seeds that replaces the study's own.
     pub seeds: Option<u64>,
-    /// Progress of the searches, by name; they begin where none is given.
+    /// Progress of the searches, by name; a search without an entry begins.
     pub searches: BTreeMap<String, Progress>,
-    /// Announcements of environments that were tried out before; all are tried out where none is given.
+    /// Announcements of environments that were tried out before; every environment is tried out if absent.
     pub announced: Option<Announcements>,
 }
 
@@ -124,8 +124,8 @@ fn unknown_profile(
     })
 }
 
-/// Writes values of the profile and `--set` for sections that are no parts of trials into the document. Returns paths
-/// that name nothing; the check of the document reports values that do not fit.
+/// Writes the values that the profile and `--set` give to sections outside the parts of trials into the document.
+/// Returns paths that name nothing; the check of the document reports values that do not fit.
 pub fn lay_sections(
     root: &mut Node,
     schema: &Value,
@@ -144,8 +144,8 @@ pub fn lay_sections(
     found
 }
 
-/// Writes values of the chosen profile for sections; those of other profiles are written into a copy, so that they are
-/// checked too.
+/// Writes the values of the chosen profile into sections. Values of other profiles are written into a copy, so that
+/// they are checked too.
 fn lay_profiles(
     root: &mut Node,
     written: &Written,
@@ -185,8 +185,8 @@ fn lay_entries(root: &mut Node, entries: &[&Entry], schema: &Value, sources: &So
     errors.flatten().collect()
 }
 
-/// Sets a key of a section. Rounds of `confirm` belong to the study as it is written: with a profile or an option it is
-/// another one, which confirms nothing.
+/// Sets a key of a section. Rounds of `confirm` belong to the study as it is written; with a profile or an option it is
+/// another study, which confirms nothing.
 fn set_section(
     root: &mut Node,
     entry: &Entry,
@@ -213,13 +213,13 @@ fn problems(root: &Node, written: &Written, schema: &Value, sources: &Sources) -
     found
 }
 
-/// As [`section_of`], of an option; `None` where it has no value.
+/// Like [`section_of`], for an option; `None` if it has no value.
 fn section_of_option<'a>(set: &'a str, written: &Written, schema: &Value) -> Option<&'a str> {
     let (path, _) = set.split_once(['.', '='])?;
     section_of(path, written, schema)
 }
 
-/// The section that a path leads into; `None` for the parts of trials, and for unknown paths.
+/// The section that a path leads into; `None` for the parts of trials and for unknown paths.
 fn section_of<'a>(path: &'a str, written: &Written, schema: &Value) -> Option<&'a str> {
     const PARTS: [&str; 7] = [
         "environments",

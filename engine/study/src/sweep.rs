@@ -1,7 +1,7 @@
 //! Sweeps: from generators to the points of each dimension.
 //!
-//! Every `grid` key is a dimension of its own; all `zip` keys are one dimension, and all sampled keys are
-//! one. Samples come from a stream named by the key alone, so more samples keep the earlier ones (but for
+//! Every `grid` key is a dimension of its own; all `zip` keys are one dimension, and all sampled keys are one. Samples
+//! come from a stream named by the key alone, so a larger number keeps the earlier samples (except for
 //! `latin_hypercube`, whose slices move).
 
 use super::{
@@ -61,7 +61,7 @@ pub(super) enum Generator {
 #[serde(transparent)]
 pub(super) struct ValueList(#[schemars(length(min = 1))] Vec<Value>);
 
-/// Most samples of a key; nothing is drawn where more are asked for.
+/// Largest number of samples of a key; no samples are drawn if more are asked for.
 const MOST_SAMPLES: usize = 100_000;
 
 /// Samples between two limits.
@@ -100,7 +100,7 @@ pub struct LocatedKey<'a> {
     pub swept: Arc<SweptKey>,
     /// The key in the study.
     pub path: KeyPath<'a>,
-    /// Where each value is written; the place of the generator for samples.
+    /// Position of each value; for samples, the position of the generator.
     spans: Vec<Span>,
 }
 
@@ -111,7 +111,7 @@ impl LocatedKey<'_> {
         self.path.assign(config, &value);
     }
 
-    /// Leaves the points for which `is_kept` is true.
+    /// Keeps the points for which `is_kept` is true.
     fn keep(&mut self, is_kept: &[bool]) {
         let own = self.swept.values.iter().zip(&self.spans).zip(is_kept);
         let kept = own.filter_map(|(point, is_kept)| is_kept.then_some(point));
@@ -127,7 +127,7 @@ impl LocatedKey<'_> {
 pub struct Dimension<'a> {
     /// The keys; all have the same number of values.
     pub keys: Vec<LocatedKey<'a>>,
-    /// How many points were written or drawn; samples that came to the same setting are one point.
+    /// Number of points that were written or drawn; samples that gave the same setting are one point.
     pub drawn: usize,
 }
 
@@ -138,7 +138,7 @@ impl Dimension<'_> {
         self.keys.first().map_or(0, |key| key.swept.values.len())
     }
 
-    /// Leaves the first of the points that came to the same setting, as samples of whole numbers may.
+    /// Keeps the first of the points that gave the same setting, which occur among samples of whole numbers.
     fn keep_different_points(&mut self) {
         let mut seen = BTreeSet::new();
         let is_new: Vec<bool> = (0..self.n_points())
@@ -159,7 +159,7 @@ impl Dimension<'_> {
 /// Reads the section `sweep`; keys that a profile or `--set` fixed are left out.
 ///
 /// # Errors
-/// Paths that do not exist, values that do not fit, lists of unequal length.
+/// Unknown paths, values that do not fit, and lists of unequal length.
 pub fn read<'a>(
     root: &Node,
     generators: &FittingEntries<Generator>,
@@ -285,7 +285,7 @@ fn swept_key<'a>(
     }
 }
 
-/// The values of a key, and each where it is written.
+/// The values of a key with their positions.
 fn values<'a>(
     (generator, written): (Option<&Generator>, &'a Entry),
     path: &KeyPath<'_>,
@@ -293,7 +293,7 @@ fn values<'a>(
     sources: &Sources,
 ) -> Result<(Vec<Value>, Cow<'a, [Node]>), Box<Diagnostic>> {
     let (low, high, count, log) = match generator {
-        // A generator that the check against the schema refused has no values.
+        // The check against the schema refuses such a generator.
         None => return Ok(Default::default()),
         Some(Generator::Grid(ValueList(values)) | Generator::Zip(ValueList(values))) => {
             return Ok((values.clone(), written.value.items().into()));
@@ -326,7 +326,7 @@ fn values<'a>(
 /// Numbers between the two limits under the key of `written`, for a key of the study.
 ///
 /// # Errors
-/// Limits between which there is no number that fits.
+/// Limits that enclose no valid number.
 pub(super) fn numbers(
     written: &Entry,
     path: &KeyPath<'_>,
@@ -366,7 +366,7 @@ pub(super) fn numbers(
 }
 
 impl KeyPath<'_> {
-    /// The keys as one word, which names the random stream of a sampled key.
+    /// The keys joined into one word, which names the random stream of a sampled key.
     fn name(&self) -> String {
         let target = match self.target {
             Target::Environment(_) => "environment",
@@ -438,7 +438,7 @@ fn swept_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnosti
     found
 }
 
-/// Points of a `grid` or `zip` that are written a second time. Samples may repeat where they are rounded.
+/// Reports points of a `grid` or `zip` that are written twice. Samples may repeat because they are rounded.
 fn points_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnostic> {
     let mut found = Vec::new();
     for Dimension { keys, .. } in dimensions {
@@ -458,7 +458,7 @@ fn points_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnost
     found
 }
 
-/// The values of all keys at one point, in words that are equal where the values are equal.
+/// The values of all keys at one point, as texts that are equal if the values are equal.
 fn point(keys: &[LocatedKey<'_>], index: usize) -> Vec<String> {
     let values = keys.iter().filter_map(|key| key.swept.values.get(index));
     values
@@ -466,11 +466,11 @@ fn point(keys: &[LocatedKey<'_>], index: usize) -> Vec<String> {
         .collect()
 }
 
-/// A value in which 1 and 1.0 are the same, as they are in trials.
+/// A value in which 1 and 1.0 are equal, as they are in trials.
 fn comparable(value: Value) -> Value {
     match value {
         Value::Number(number) => match number.as_i64() {
-            // Larger ones are not all numbers of floating point.
+            // Not every larger integer is a floating-point number.
             Some(whole) if whole.unsigned_abs() < 1 << f64::MANTISSA_DIGITS => number.as_f64().into(),
             _ => number.into(),
         },

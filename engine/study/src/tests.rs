@@ -1,4 +1,4 @@
-//! Studies of toy plugins: the messages about wrong ones, and the form of right ones.
+//! Studies of toy plugins: the messages about wrong studies, and the form of right ones.
 
 use super::{Options, Study, json_schema, load, load_text, resolved_yaml};
 use contract::trial::Trial;
@@ -158,8 +158,8 @@ fn with(rest: &str) -> Study {
         .unwrap_or_else(|found| panic!("{}", document::diagnostic::render(&found, false)))
 }
 
-/// A sweep holds only the differences between its configs: these are the configs of a study that writes the values
-/// down.
+/// A sweep holds only the differences between its configs. Its configs equal those of a study that writes the values
+/// out.
 #[test]
 fn configs_of_a_sweep_are_those_of_studies_without_one_and_trials_are_counted_without_being_made() {
     let (rates, slips) = ([0.1, 0.2, 0.3], [0.0, 0.1]);
@@ -515,7 +515,7 @@ fn a_hundred_thousand_trials_are_planned() {
     assert_eq!(settings.plan().trials.len(), 20_000);
 }
 
-/// Memory grows with the values of keys, and not with their combinations.
+/// Memory grows with the values of keys, not with their combinations.
 #[test]
 fn a_large_grid_keeps_what_single_values_change() {
     let only_one = "exclude: [{ agent: right }, { environment: short }]";
@@ -536,7 +536,7 @@ fn a_large_grid_keeps_what_single_values_change() {
     }
 }
 
-/// A point at which another file is named has another hash of its content, and is kept whole.
+/// A point that names another file has another hash of its content, and is kept whole.
 #[test]
 fn a_large_grid_keeps_what_does_not_follow_from_single_values() {
     let folder = tempfile::tempdir().unwrap();
@@ -690,7 +690,7 @@ fn the_resolved_study_can_be_stored_in_another_folder() {
         ids(&study),
         ids(&load(&path, &toys(), &Options::default()).unwrap())
     );
-    // Where neither folder is a project, that message comes first.
+    // If neither folder is a project, that message comes first.
     std::fs::remove_file(dir.path().join("regimen.toml")).unwrap();
     let found = load(&path, &toys(), &Options::default()).unwrap_err();
     let told = document::diagnostic::render(&found, false);
@@ -738,7 +738,7 @@ fn a_study_that_cannot_be_read_is_a_message() {
     assert!(document::diagnostic::render(&found, false).contains("--> no/such/study.yaml"));
 }
 
-/// A right study with most kinds of sections, to be broken at random.
+/// A valid study with most kinds of sections, to be broken at random.
 fn material() -> String {
     std::fs::read_to_string(Path::new(SPECS).join("valid/tables_and_figures.yaml")).unwrap()
 }

@@ -10,28 +10,28 @@ use document::{
 pub struct NamedPart {
     /// Name in the study; `protocol` for the protocol.
     pub name: String,
-    /// Place of the name in the text.
+    /// Position of the name in the text.
     pub name_span: Span,
     /// Registered name of the plugin.
     pub plugin: String,
-    /// Where the plugin's name stands.
+    /// Position of the plugin's name.
     pub plugin_span: Span,
     /// Keys of the config that the study gives.
     pub config: Node,
 }
 
-/// An entry of the section `prepare`: a trial that leaves something for others.
+/// An entry of the section `prepare`: a trial that leaves an artifact for others.
 #[derive(Debug, Clone)]
 pub struct PreparedTrial {
     /// Name of the entry.
     pub name: String,
-    /// Place of the name in the text.
+    /// Position of the name in the text.
     pub name_span: Span,
     /// Environment of the trial.
     pub environment: PreparedPart,
     /// Agent of the trial.
     pub agent: PreparedPart,
-    /// Its protocol; the study's where absent.
+    /// Its protocol; that of the study if absent.
     pub protocol: Option<NamedPart>,
 }
 
@@ -56,7 +56,7 @@ pub enum PartKind {
 }
 
 impl PartKind {
-    /// All of them, in the order of a trial's key.
+    /// All kinds, in the order of a trial's key.
     pub const ALL: [Self; 3] = [Self::Environment, Self::Agent, Self::Protocol];
 
     /// Name of the kind in studies.
@@ -70,7 +70,7 @@ impl PartKind {
     }
 }
 
-/// A section or an entry of a study that a dotted path leads into.
+/// A section or an entry of a study, as the target of a dotted path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Target {
     /// The environment with this index.
@@ -129,7 +129,7 @@ impl PreparedPart {
     }
 }
 
-/// The parts of a study that trials are made of.
+/// The parts of a study from which trials are made.
 #[derive(Debug, Clone)]
 pub struct Written {
     /// The environments, in order.
@@ -210,7 +210,8 @@ impl Written {
         }
     }
 
-    /// Reports names that are taken: an environment and an agent of one name, or a word that begins paths.
+    /// Reports clashes of names: an environment and an agent with the same name, or a name that is a word at the
+    /// beginning of paths.
     #[must_use]
     pub fn name_clashes(&self, sources: &Sources) -> Vec<Diagnostic> {
         let parts = || self.environments.iter().chain(&self.agents);
@@ -262,7 +263,7 @@ const RESERVED: [&str; 7] = [
     "prepare",
 ];
 
-/// A name and the thing that has it already.
+/// A name and the thing that already has it.
 struct NameClash<'a> {
     name: (&'a str, Span),
     section: &'static str,
@@ -284,7 +285,7 @@ impl NameClash<'_> {
     }
 }
 
-/// A word that begins dotted paths, where it is taken for a name.
+/// Reports a name that is a word at the beginning of dotted paths.
 fn reserved(named: &NamedPart, sources: &Sources) -> Option<Diagnostic> {
     let NamedPart { name, name_span, .. } = named;
     let message = format!("`{name}` cannot be a name: dotted paths begin with this word");
@@ -296,7 +297,7 @@ fn reserved(named: &NamedPart, sources: &Sources) -> Option<Diagnostic> {
     RESERVED.contains(&name.as_str()).then(error)
 }
 
-/// A play or a search, which have no plugin.
+/// A play or a search; neither has a plugin.
 fn alone(entry: &Entry, section: &str) -> NamedPart {
     let (name, name_span) = (entry.key.clone(), entry.key_span);
     NamedPart {
@@ -336,7 +337,7 @@ fn prepared(entry: &Entry) -> PreparedTrial {
     }
 }
 
-/// A named part. Where it has not exactly one plugin, which is reported elsewhere, the name alone is known.
+/// A named part. Only the name is known if it does not have exactly one plugin, which is reported elsewhere.
 fn named(entry: &Entry) -> NamedPart {
     let (name, name_span) = (entry.key.clone(), entry.key_span);
     match entry.value.entries() {

@@ -17,7 +17,7 @@ use serde_json::Value;
 /// The rows that a synthetic trial records: phase, step, episode, metric and value.
 pub type Rows = Vec<(Phase, u64, u64, &'static str, f64)>;
 
-/// A trial that ended well and recorded some rows.
+/// A trial that ended successfully and recorded some rows.
 pub fn trial(environment: &str, agent: &str, setting: &str, seed: u64, rows: &Rows) -> TrialResult {
     let part = |plugin: &str| Part::new(plugin, 1, Value::Null);
     let key = TrialKey {
@@ -73,7 +73,7 @@ fn point(words: &str) -> SweepPoint {
     words.split_whitespace().map(pair).collect()
 }
 
-/// The same trial, ended otherwise.
+/// The same trial with another end.
 pub fn ended(mut trial: TrialResult, state: EndState, reason: &str) -> TrialResult {
     trial.end = Some(end(state, reason).into());
     trial.rows.clear();

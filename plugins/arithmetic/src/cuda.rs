@@ -1,6 +1,6 @@
 //! The arithmetic in CUDA C++ for kernels: the headers of `cuda/`, which also compile for a processor.
 
-/// Headers in an order in which each stands behind those that it needs; sine, cosine and powers are left out.
+/// Headers in an order in which each comes after those that it needs; sine, cosine and powers are left out.
 const HEADERS: [&str; 5] = [
     include_str!("../cuda/bits.cuh"),
     include_str!("../cuda/double.cuh"),
@@ -9,7 +9,7 @@ const HEADERS: [&str; 5] = [
     include_str!("../cuda/arithmetic.cuh"),
 ];
 
-/// One text with all functions that plans need, in the namespace `arithmetic`, without headers of its own.
+/// One text with all functions that plans need, in the namespace `arithmetic`, which includes no headers.
 #[must_use]
 pub fn source() -> String {
     let is_own = |line: &&str| !line.starts_with("#pragma once") && !line.starts_with("#include \"");

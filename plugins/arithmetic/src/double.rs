@@ -8,15 +8,14 @@
 //! | [`ln_1p`] | 0.79 |
 //! | [`tanh`] | 2.49 |
 //!
-//! Errors are against values with 40 digits, at 59,000 to 99,000 arguments each (`fixtures/values.py`):
-//! spread evenly over their logarithms, over the range where results are finite, and densely around zeros. A
-//! denormal result is rounded once more. Infinities, signed zeros and arguments outside the domain have the
-//! mathematical limit as their result; a NaN gives [`NAN`].
+//! Errors are measured against values with 40 digits, at 59,000 to 99,000 arguments each (`fixtures/values.py`): spread
+//! evenly over their logarithms, over the range with finite results, and densely around zeros. A denormal result is
+//! rounded once more. Infinities, signed zeros and arguments outside the domain have the mathematical limit as their
+//! result; a NaN gives [`NAN`].
 //!
-//! Plain operations of `f64` alone. The methods are those of [`crate::single`] with two differences: exp
-//! carries the rounding error of its reduced argument, and `ln(1 + f) = f - f^2 / 2 + s (f^2 / 2 + R(s^2))`
-//! with `s = f / (2 + f)`
-//! (the form of the C library of BSD, K. C. Ng 1993), `R` from the series of the area tangent. The polynomials are
+//! Uses only plain operations of `f64`. The methods are those of [`crate::single`] with two differences: exp carries
+//! the rounding error of its reduced argument, and `ln(1 + f) = f - f^2 / 2 + s (f^2 / 2 + R(s^2))` with `s = f / (2 +
+//! f)` (the form of the C library of BSD, K. C. Ng 1993), `R` from the series of the area tangent. The polynomials are
 //! interpolations at Chebyshev nodes computed with 60 digits.
 
 /// The NaN of every function of `f64` in this crate.
@@ -65,7 +64,7 @@ pub fn exp(x: f64) -> f64 {
     known(x, scaled(1.0 + rest, n))
 }
 
-/// Exponential function less one, `e^x - 1`.
+/// Exponential function minus one, `e^x - 1`.
 #[must_use]
 pub fn exp_m1(x: f64) -> f64 {
     let (rest, n) = exp_parts(held(x, -40.0, 710.0), 0.0);

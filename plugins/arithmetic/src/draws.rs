@@ -6,16 +6,15 @@
 //! | [`normal`] | one, `w` | the quantile of the normal distribution at `uniform(w)` |
 //! | [`log_gamma`] | two for each try, one more for a shape below one | ln x of `x ~ Gamma(shape, 1)` |
 //!
-//! The quantile is that of [`crate::normal`]. It is at most 8.2 in size: `uniform` has no number nearer to 0 than
+//! The quantile is that of [`crate::normal`]. Its size is at most 8.2, since `uniform` has no number nearer to 0 than
 //! 2^-53.
 //!
-//! The gamma draw is the algorithm of G. Marsaglia and W. W. Tsang (ACM TOMS 26, 2000) without their quick first
-//! test. With `d = shape - 1/3` and `c = 1 / sqrt(9 d)` each try takes a normal number `z` from a word. Where
-//! `t = 1 + c z` is not positive, the next try begins. Otherwise it takes `u` from a further word, and `x = d
-//! t^3` is the draw if `ln u < z^2 / 2 + d (1 - t^3 + 3 ln t)`. For a shape below one the draw for `shape + 1`
-//! comes first, then a word, and `ln x` is the sum of that draw's logarithm and `ln u / shape`. Everything is in
-//! `ln x`, because for small shapes most draws are below the smallest `f64`: at shape 0.01 half of them are below
-//! 1e-30.
+//! The gamma draw is the algorithm of G. Marsaglia and W. W. Tsang (ACM TOMS 26, 2000) without their quick first test.
+//! With `d = shape - 1/3` and `c = 1 / sqrt(9 d)` each try takes a normal number `z` from a word. If `t = 1 + c z` is
+//! not positive, the next try begins. Otherwise it takes `u` from a further word, and `x = d t^3` is the draw if `ln u
+//! < z^2 / 2 + d (1 - t^3 + 3 ln t)`. For a shape below one the draw for `shape + 1` comes first, then a word, and `ln
+//! x` is the sum of that draw's logarithm and `ln u / shape`. Everything is in `ln x`, because for small shapes most
+//! draws are below the smallest `f64`: at shape 0.01 half of them are below 1e-30.
 
 use crate::double::{NAN, ln};
 use crate::normal::quantile;
@@ -72,7 +71,7 @@ pub fn uniform(word: u64) -> f64 {
     ((word >> 12) as f64 + 0.5) * SPACING
 }
 
-/// Standard normal number from one word; it rises with the word.
+/// Standard normal number from one word; it increases with the word.
 #[must_use]
 pub fn normal(word: u64) -> f64 {
     quantile(uniform(word))

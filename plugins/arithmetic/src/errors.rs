@@ -1,7 +1,6 @@
 //! Errors in units in the last place: the spacing of numbers at the exact value, denormal ones included.
 
-/// Error of an `f32` against an exact value in `f64`; zero where both are infinite of one sign or both are
-/// NaN.
+/// Error of an `f32` against an exact value in `f64`; zero if both are infinite of one sign or both are NaN.
 #[must_use]
 pub fn of_single(got: f32, exact: f64) -> f64 {
     let (largest, limit) = (
@@ -24,7 +23,7 @@ pub fn of_single(got: f32, exact: f64) -> f64 {
     (f64::from(got) - exact).abs() / unit
 }
 
-/// Error of an `f64` against the sum `high + low`, where `high` is the `f64` nearest to it.
+/// Error of an `f64` against the sum `high + low`; `high` is the `f64` nearest to it.
 #[must_use]
 pub fn of_double(got: f64, high: f64, low: f64) -> f64 {
     let exponent = high.to_bits() >> 52 & 0x7ff;

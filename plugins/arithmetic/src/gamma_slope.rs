@@ -1,4 +1,4 @@
-//! Derivative of a gamma draw in its shape, in log space.
+//! Derivative of a gamma draw with respect to its shape, in log space.
 //!
 //! | here | equation |
 //! |---|---|
@@ -15,7 +15,7 @@ use crate::gamma::digamma;
 /// Shape above which the derivative comes from the expansion around the normal distribution.
 pub const LARGE_SHAPE: f64 = 1e6;
 
-/// Derivative of `ln x` in `shape` at a fixed probability, which the implicit reparameterisation of a draw
+/// Derivative of `ln x` with respect to `shape` at a fixed probability, which the implicit reparameterisation of a draw
 /// propagates.
 ///
 /// Relative error below 1e-10 for shapes from 1e-2 to 1e6 and 1e-7 above, at any probability, measured
@@ -37,16 +37,16 @@ pub fn log_gamma_slope(shape: f64, log_draw: f64) -> f64 {
     }
 }
 
-/// With `t_n = x^n / (shape ... (shape + n))`, `P / (x p) = sum t_n`, and differentiating each term in the
-/// shape gives `d ln x / d shape = sum t_n (digamma(shape + n + 1) - ln x)`. All terms are positive up to the
-/// mean; above it the loss is below three digits as far as this branch is used.
+/// With `t_n = x^n / (shape ... (shape + n))`, `P / (x p) = sum t_n`, and differentiating each term with respect to the
+/// shape gives `d ln x / d shape = sum t_n (digamma(shape + n + 1) - ln x)`. All terms are positive up to the mean;
+/// above it the loss is below three digits as far as this branch is used.
 #[must_use]
 pub fn slope_by_series(shape: f64, draw: f64, log_draw: f64) -> f64 {
     let (mut argument, mut weight) = (shape + 1.0, 1.0 / shape);
     let mut excess = digamma(argument) - log_draw;
     let mut sum = weight * excess;
     if draw == 0.0 {
-        // Further terms are 0, but with an infinite `log_draw` they would be NaN and the loop without an end.
+        // Further terms are 0, but with an infinite `log_draw` they would be NaN and the loop would never end.
         return sum;
     }
     loop {
@@ -88,8 +88,7 @@ pub fn is_upper_tail(shape: f64, x: f64) -> bool {
 /// Continued fraction `F = Gamma(shape, x) / (x^shape exp(-x))` of the upper incomplete gamma function (A&S
 /// 6.5.31 in its even form) and its derivative in `shape`.
 ///
-/// Evaluated from the tail at a fixed depth, which is exact to 1e-13 where [`is_upper_tail`] holds, for any
-/// shape.
+/// Evaluated from the tail at a fixed depth, which is exact to 1e-13 if [`is_upper_tail`] holds, for any shape.
 #[must_use]
 pub fn upper_fraction(shape: f64, x: f64) -> (f64, f64) {
     const DEPTH: u32 = 64;

@@ -5,13 +5,13 @@
 //! | [`cdf`] | 5.7 |
 //! | [`quantile`] | 5.6 |
 //!
-//! Errors of [`cdf`] are against values with 40 digits at 59,600 arguments from -37.5 to 9; those of [`quantile`] at
-//! 80,000 words of [`crate::draws::normal`].
+//! Errors of [`cdf`] are measured against values with 40 digits at 59,600 arguments from -37.5 to 9; those of
+//! [`quantile`] at 80,000 words of [`crate::draws::normal`].
 //!
-//! The probability is by the rational approximations of W. J. Cody (Mathematics of Computation 23, 1969) in the form
-//! of algorithm 715 (ACM TOMS 19, 1993, routine ANORM): near the centre `1/2 + x R(x^2)`, then `exp(-x^2 / 2)` times
-//! a rational function, its argument split so that the exponential loses no digits. Small probabilities
-//! keep their relative accuracy down to the smallest normal number.
+//! The probability is computed by the rational approximations of W. J. Cody (Mathematics of Computation 23, 1969) in
+//! the form of algorithm 715 (ACM TOMS 19, 1993, routine ANORM): near the centre `1/2 + x R(x^2)`, then `exp(-x^2 / 2)`
+//! times a rational function, its argument split so that the exponential loses no digits. Small probabilities keep
+//! their relative accuracy down to the smallest normal number.
 //!
 //! The quantile is algorithm AS 241 (M. J. Wichura, Applied Statistics 37, 1988, routine PPND16), whose relative
 //! error is about 1e-16.

@@ -1,20 +1,20 @@
 //! Products of matrices, sums over rows and sums of many numbers, with the order of every sum.
 //!
-//! **Chains.** An entry of a product over `k = 0, 1, ... K - 1` is cut into blocks of [`BLOCK`] values of `k`. Within
-//! a block it is one chain of fused multiply-adds that begins at +0, `c <- fma(a_k, b_k, c)`, in the order of `k`.
-//! The first block's chain is the entry; that of each further block is added to it, in their order. No size of a
-//! tile, number of rows or of processors enters, so an entry depends on its row and its column alone.
+//! **Chains.** An entry of a product over `k = 0, 1, ... K - 1` is cut into blocks of [`BLOCK`] values of `k`. Within a
+//! block it is one chain of fused multiply-adds that begins at +0, `c <- fma(a_k, b_k, c)`, in the order of `k`. The
+//! first block's chain is the entry; that of each further block is added to it, in their order. An entry depends only
+//! on its row and its column, not on the size of a tile or on the number of rows or processors.
 //!
 //! **Sums over rows** (gradients of biases) are products with a row of ones: `fma(1, x, c)` is `c + x`.
 //!
-//! **Sums of many numbers** are taken in blocks of [`SUM_BLOCK`] = 32 x 32. Lane `l` of 32 adds the entries `l, l +
-//! 32, l + 64, ...` of the block to +0, in this order. Then lane `l` takes lane `l + 16`'s sum, for `l` below 16,
-//! then that of `l + 8` below 8, and so on with 4, 2, 1; lane 0 has the sum of the block. The sums of the blocks are
-//! numbers that are summed the same way, until one is left. Missing entries of a block are +0, which changes no bit.
-//! The sum of no numbers is +0.
+//! **Sums of many numbers** are taken in blocks of [`SUM_BLOCK`] = 32 x 32. Lane `l` of 32 adds the entries `l, l + 32,
+//! l + 64, ...` of the block to +0, in this order. Then lane `l` adds the sum of lane `l + 16`, for `l` below 16, then
+//! that of `l + 8` for `l` below 8, and so on with 4, 2 and 1, until lane 0 has the sum of the block. The sums of the
+//! blocks are summed in the same way, until one is left. Missing entries of a block are +0, which changes no bit. The
+//! sum of no numbers is +0.
 //!
-//! The loops are the definition, not a fast product: a processor with fused multiply-adds takes about 0.07 ns for
-//! each multiply-add on one core, and one without calls the C library (exact, some ten times slower).
+//! The loops are the definition, not a fast product: a processor with fused multiply-adds takes about 0.07 ns for each
+//! multiply-add on one core, and one without them calls the C library (exact, about ten times slower).
 
 use crate::slices::widest;
 
@@ -39,7 +39,7 @@ impl<'a> Matrix<'a> {
     /// Matrix `[rows, columns]` from values row by row.
     ///
     /// # Panics
-    /// Where the number of values is not `rows * columns`.
+    /// If the number of values is not `rows * columns`.
     #[must_use]
     pub fn new(values: &'a [f32], rows: usize, columns: usize) -> Self {
         assert_eq!(
@@ -86,7 +86,7 @@ impl<'a> Matrix<'a> {
 /// Product `[a.rows, b.columns]`, row by row.
 ///
 /// # Panics
-/// Where the number of `a`'s columns is not the number of `b`'s rows.
+/// If the number of `a`'s columns is not the number of `b`'s rows.
 #[must_use]
 pub fn product(a: Matrix, b: Matrix) -> Vec<f32> {
     assert_eq!(
@@ -149,7 +149,7 @@ pub fn sum_f64(values: &[f64]) -> f64 {
     in_blocks(values, |value| value)
 }
 
-/// Sum of squares in `f64`, where each square is exact.
+/// Sum of squares in `f64`, in which each square is exact.
 #[must_use]
 pub fn sum_of_squares(values: &[f32]) -> f64 {
     in_blocks(values, |value| f64::from(value) * f64::from(value))
@@ -158,7 +158,7 @@ pub fn sum_of_squares(values: &[f32]) -> f64 {
 /// Sum in blocks without memory of its own.
 #[inline(always)]
 fn in_blocks<T: Copy, S: Copy + Default + std::ops::AddAssign>(values: &[T], term: impl Fn(T) -> S) -> S {
-    // Summands below one block of the last round.
+    // Number of summands below one block of the last round.
     let mut width = 1;
     while width * SUM_BLOCK < values.len() {
         width *= SUM_BLOCK;
@@ -166,7 +166,7 @@ fn in_blocks<T: Copy, S: Copy + Default + std::ops::AddAssign>(values: &[T], ter
     tree_sum(values, &term, width)
 }
 
-/// Sum of at most `SUM_BLOCK` blocks of `width` values, each of which is summed the same way first.
+/// Sum of at most `SUM_BLOCK` blocks of `width` values; each block is first summed in the same way.
 fn tree_sum<T: Copy, S: Copy + Default + std::ops::AddAssign>(
     values: &[T],
     term: &impl Fn(T) -> S,

@@ -12,11 +12,11 @@
 //! The unit is the spacing of `f32` at the exact value, denormal results included. Infinities, signed zeros
 //! and arguments outside the domain have the mathematical limit as their result; a NaN gives [`NAN`].
 //!
-//! Plain operations of `f32` alone, without fused multiply-adds. A loop over these functions is vectorised with any
-//! instruction set, while a processor without fused multiply-adds calls a library for each (`f32::mul_add` stays
-//! exact there): exp measured 1.1 ns in plain `f32`, 41 with fused multiply-adds and 2.1 in plain `f64` with SSE2 on
-//! one core of a Xeon; 0.6, 0.45 and 1.0 with AVX2. `f64` is slow on many cards. No function has a branch: each choice
-//! is between two computed values.
+//! Uses only plain operations of `f32`, without fused multiply-adds. A loop over these functions is vectorised with any
+//! instruction set, while a processor without fused multiply-adds calls a library for each (`f32::mul_add` stays exact
+//! there): exp measured 1.1 ns in plain `f32`, 41 with fused multiply-adds and 2.1 in plain `f64` with SSE2 on one core
+//! of a Xeon; 0.6, 0.45 and 1.0 with AVX2. `f64` is slow on many cards. No function has a branch: each choice is
+//! between two computed values.
 //!
 //! Methods. `e^x = 2^n e^r` with `n` the nearest integer to `x / ln 2` and `ln 2` in two parts (Cody and Waite
 //! 1980). `ln(2^k (1 + f)) = k ln 2 + f - f^2 / 2 + f^3 P(f)` with `1 + f` between the roots of 1/2 and 2.
@@ -110,7 +110,7 @@ pub fn ln_1p(x: f32) -> f32 {
     if x > -1.0 { inside } else { outside }
 }
 
-/// Hyperbolic tangent: `1 - 2 / (e^(2 |x|) + 1)`, and a polynomial below 0.625, where that cancels.
+/// Hyperbolic tangent: `1 - 2 / (e^(2 |x|) + 1)`, and a polynomial below 0.625, where that formula cancels.
 #[inline(always)]
 #[must_use]
 pub fn tanh(x: f32) -> f32 {
@@ -136,7 +136,7 @@ pub fn sigmoid(x: f32) -> f32 {
 #[must_use]
 pub fn softplus(x: f32) -> f32 {
     let tail = exp(-x.abs());
-    // 1 + tail is between 1 and 2; from the root of 2 on its half is taken. k is a conversion, since a choice of
+    // 1 + tail is between 1 and 2; from the root of 2 on its half is used. k is a conversion, since a choice of
     // constants becomes a branch.
     let k = f32::from(u8::from(tail >= 0.414_213_5));
     let less = tail - k;

@@ -1,14 +1,14 @@
 //! The functions of [`crate::single`] over slices, in place, with the widest vectors that the processor has.
 //!
-//! Each entry has the bits of the function of one number. The loops are compiled several times from one
-//! source without fused multiply-adds, and a call takes the widest version that the processor runs.
+//! Each entry has the bits of the function of one number. The loops are compiled several times from one source without
+//! fused multiply-adds, and a call uses the widest version that the processor can run.
 
 use crate::single;
 use std::sync::OnceLock;
 
-/// Runs loops compiled for the processor's widest vectors. The functions that they call have to be inlined.
+/// Runs loops compiled for the processor's widest vectors. The functions that they call must be inlined.
 ///
-/// Rust contracts no operations, so the bits are those of the loops outside of it.
+/// Rust contracts no operations, so the bits are those of the same loops outside of this function.
 #[inline(always)]
 pub fn widest<R>(loops: impl FnOnce() -> R) -> R {
     arch().dispatch(loops)

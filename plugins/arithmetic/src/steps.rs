@@ -7,11 +7,11 @@
 //! |---|---|
 //! | `m <- b1 m + (1 - b1) g` | `m = b1 * m + (1 - b1) * g` |
 //! | `v <- b2 v + (1 - b2) g^2` | `v = b2 * v + ((1 - b2) * g) * g` |
-//! | moments below the smallest normal number are +0 | `if abs(m) < 2^-126 { m = 0 }`, and `v` alike |
+//! | moments below the smallest normal number are +0 | `if abs(m) < 2^-126 { m = 0 }`, and the same for `v` |
 //! | `x <- x - rate m' / (sqrt(v') + epsilon)` | `x = x - (step * m) / (sqrt(v) * root + epsilon)` |
 //!
-//! `b1`, `b2` and `epsilon` are rounded to `f32` first, `1 - b1` and `1 - b2` are differences of `f32`; `step = rate
-//! / (1 - b1^t)` and `root = 1 / sqrt(1 - b2^t)` are computed in `f64` with [`pow`] and rounded to `f32`, once for
+//! `b1`, `b2` and `epsilon` are rounded to `f32` first, and `1 - b1` and `1 - b2` are differences of `f32`. `step =
+//! rate / (1 - b1^t)` and `root = 1 / sqrt(1 - b2^t)` are computed in `f64` with [`pow`] and rounded to `f32`, once for
 //! all entries.
 //!
 //! The squared norm of several gradients is the sum of [`sum_of_squares`] of each, in their order, from +0.
@@ -102,8 +102,8 @@ pub fn follow(target: &mut [f32], source: &[f32], tau: f32) {
     );
 }
 
-/// Zero for a number below the smallest normal one. The moments of a unit that becomes inactive would fade to
-/// denormals and stay there, and a processor takes some thirty times as long for each.
+/// Zero for a number below the smallest normal one. The moments of a unit that becomes inactive would fade to denormals
+/// and stay there, and a processor takes about thirty times as long for each.
 #[inline(always)]
 fn normal_or_zero(moment: f32) -> f32 {
     if moment.abs() < f32::MIN_POSITIVE {

@@ -1,25 +1,25 @@
-//! The products of [`crate::products`], a tile at a time: the same chains, so the same bits, at the speed of the
-//! processor.
+//! The products of [`crate::products`], a tile at a time: the same chains and therefore the same bits, at the speed of
+//! the processor.
 //!
-//! The second factor is packed in panels of 32 columns. A tile is a few rows of the first factor times two
-//! vectors of a panel; its sums stay in registers over a whole block of the chain. Tiles differ in size between
-//! processors, the chain of an entry does not. On one core of a Xeon with AVX-512 a product of 256 x 256 x 256 takes
-//! 0.21 ms (160 GFLOP/s) and the packing of its second factor 0.02 ms; the crate `gemm` takes 0.22 ms. With other
-//! programs on both threads of the core it measured 0.25 ms, also with either factor transposed; a transposed factor
-//! 256 x 256 times one column takes 9 us, a plain one 23 us. On one core of an EPYC with AVX2, which is able to do 104
-//! GFLOP/s, the product takes 0.38 ms (88 GFLOP/s) with its packing.
+//! The second factor is packed in panels of 32 columns. A tile is a few rows of the first factor times two vectors of a
+//! panel; its sums stay in registers over a whole block of the chain. Tiles differ in size between processors, but the
+//! chain of an entry does not. On one core of a Xeon with AVX-512 a product of 256 x 256 x 256 takes 0.21 ms (160
+//! GFLOP/s) and the packing of its second factor 0.02 ms; the crate `gemm` takes 0.22 ms. With other programs on both
+//! threads of the core it measured 0.25 ms, also with either factor transposed; a transposed factor 256 x 256 times one
+//! column takes 9 us, a plain one 23 us. On one core of an EPYC with AVX2, which can do 104 GFLOP/s, the product takes
+//! 0.38 ms (88 GFLOP/s) with its packing.
 
 use crate::products::{BLOCK, Matrix};
 use crate::slices::{arch, widest};
 use pulp::{Simd, WithSimd};
 
-/// Columns of a panel: a multiple of two vectors of every processor.
+/// Number of columns of a panel: a multiple of two vectors of every processor.
 const PANEL: usize = 32;
-/// Most rows of a tile.
+/// Largest number of rows of a tile.
 const MOST_ROWS: usize = 12;
 
-/// Most tiles below each other that use a panel before the next one is read. A second factor that is larger than the
-/// second cache is then read once for so many tiles.
+/// Largest number of tiles below each other that use a panel before the next one is read. A second factor that is
+/// larger than the second cache is then read once for this number of tiles.
 const MOST_TILES: usize = 4;
 /// Shortest chain for which more than one tile uses a panel; the panels of shorter ones are soon read again.
 const LONG: usize = 64;
@@ -68,7 +68,7 @@ impl Packed {
             } else {
                 let rows = factor.values.chunks_exact(self.columns);
                 for (row, values) in panel.iter_mut().zip(rows) {
-                    // A copy of a fixed length is no call.
+                    // A copy of a fixed length needs no call.
                     match values[first..].first_chunk() {
                         Some(all) => row.0 = *all,
                         None => row.0[..width].copy_from_slice(&values[first..]),
@@ -91,13 +91,13 @@ pub struct Multiplier {
 }
 
 impl Multiplier {
-    /// Writes the product `a b`, `[a.rows, b.columns]`, row by row to `product`. `finish` gets some complete rows at a
-    /// time, in their order, and may change their entries. It is no type parameter, so that the loops are compiled
-    /// once, in this crate: those compiled elsewhere measured a tenth of the speed, since what they call is then not
-    /// always inlined into functions with wide vectors.
+    /// Writes the product `a b`, `[a.rows, b.columns]`, row by row to `product`. `finish` receives some complete rows
+    /// at a time, in order, and may change their entries. It is no type parameter, so that the loops are compiled once,
+    /// in this crate. Loops compiled elsewhere measured a tenth of the speed, since the functions that they call are
+    /// then not always inlined into functions with wide vectors.
     ///
     /// # Panics
-    /// Where shapes or the length of `product` do not fit.
+    /// If shapes or the length of `product` do not fit.
     pub fn product(
         &mut self,
         a: Matrix,
@@ -173,7 +173,7 @@ struct Tile<'a> {
     /// Number of the tile among those below each other.
     number: usize,
     panel: &'a [PanelRow],
-    /// Column of the product at which the panel begins, and how many of its columns are there.
+    /// Column of the product at which the panel begins, and the number of its columns that exist.
     first: usize,
     width: usize,
 }
@@ -189,7 +189,7 @@ impl WithSimd for Product<'_> {
         if self.b.rows == 0 {
             self.c.fill(0.0);
         }
-        // As many sums as there are registers for them.
+        // The tile has as many sums as there are registers for them.
         match S::F32_LANES {
             16 => self.strips::<S, MOST_ROWS>(simd),
             8 => self.strips::<S, 6>(simd),

@@ -5,13 +5,13 @@
 //! | [`sin`] | 0.76 |
 //! | [`cos`] | 0.74 |
 //!
-//! Errors are against values with 40 digits, at 140,000 arguments each: over the whole range of `f64`, densely
+//! Errors are measured against values with 40 digits, at 140,000 arguments each: over the whole range of `f64`, densely
 //! below 1000, and next to multiples of pi/2. Infinities give [`NAN`].
 //!
 //! The argument is reduced to `|r| <= pi/4` with twice the digits of `f64`: below 1024 by subtracting a multiple of
-//! pi/2 held in three parts (Cody and Waite 1980), from there on by the product with the bits of 2/pi that matter,
-//! in integers (Payne and Hanek 1983). Then polynomials of degree 13 and 14, in the form of the C library of BSD
-//! (K. C. Ng 1993), with coefficients by interpolation at Chebyshev nodes computed with 60 digits.
+//! pi/2 in three parts (Cody and Waite 1980), from there on by the product with the bits of 2/pi that matter, in
+//! integers (Payne and Hanek 1983). Then polynomials of degree 13 and 14, in the form of the C library of BSD (K. C. Ng
+//! 1993), with coefficients by interpolation at Chebyshev nodes computed with 60 digits.
 
 use crate::double::{NAN, ROUNDING, polynomial};
 
@@ -175,8 +175,8 @@ fn reduced_in_integers(x: f64) -> (u64, f64, f64) {
             digits[2].wrapping_neg(),
         ];
     }
-    // The leading 106 digits as a sum of two numbers. No f64 is so near a multiple of pi/2 that both of the
-    // first words are zero.
+    // The leading 106 digits as a sum of two numbers. No f64 is so close to a multiple of pi/2 that both of the first
+    // words are zero.
     let mut shift = 0;
     if digits[0] == 0 {
         digits = [digits[1], digits[2], 0];
@@ -204,8 +204,8 @@ fn reduced_in_integers(x: f64) -> (u64, f64, f64) {
     }
 }
 
-/// Product of two numbers with its rounding error, to a relative 2^-106 of the product. `b` is of moderate
-/// size, so that no partial product leaves the range.
+/// Product of two numbers with its rounding error, to a relative 2^-106 of the product. `b` must be of moderate size,
+/// so that no partial product leaves the range.
 pub(crate) fn two_product(a: f64, b: f64) -> (f64, f64) {
     let upper = |x: f64| f64::from_bits(x.to_bits() & !0x07ff_ffff);
     let (a_high, b_high) = (upper(a), upper(b));

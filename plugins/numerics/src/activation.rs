@@ -20,7 +20,7 @@ pub enum Activation {
 }
 
 impl Activation {
-    /// Gain of the weights at which a layer's output has the variance of its input.
+    /// Gain of the weights with which a layer's output has the variance of its input.
     #[must_use]
     pub fn gain(self) -> f64 {
         match self {

@@ -19,8 +19,8 @@ use crate::special::{digamma, ln_gamma, log_sum_exp, trigamma};
 
 /// Smallest logarithm of a coordinate of a draw. Its exponential, 1.6e-38, is still a normal `f32`.
 ///
-/// A coordinate below it is set to it and then counts as a constant: its derivative in the concentration is
-/// zero. With concentrations of at least one a draw reaches this floor with a probability below 1e-37.
+/// A coordinate below it is set to it and then counts as a constant: its derivative with respect to the concentration
+/// is zero. With concentrations of at least one a draw reaches this floor with a probability below 1e-37.
 pub const LOG_ACTION_FLOOR: f64 = -87.0;
 
 /// A draw with the derivative for its reparameterised gradient.
@@ -40,7 +40,8 @@ impl Draw {
         self.log_action.iter().map(|log| exp(*log)).collect()
     }
 
-    /// Gradient in the concentration `[n]` of a function whose gradient in `ln a` is `upstream` `[n]`.
+    /// Gradient with respect to the concentration `[n]` of a function whose gradient with respect to `ln a` is
+    /// `upstream` `[n]`.
     ///
     /// `d ln a_i / d alpha_j = (delta_ij - a_j) slope_j`. PyTorch moves a draw along its Beta marginals
     /// instead: another path with the same mean gradient, so the two agree in expectation only.
@@ -121,8 +122,8 @@ pub fn log_density(concentration: &[f64], log_action: &[f64]) -> f64 {
     kernel - log_beta(concentration)
 }
 
-/// Gradient of [`log_density`] in the concentration `[n]`: `digamma(A) - digamma(alpha_i) + ln a_i` (thesis,
-/// equation 3.13).
+/// Gradient of [`log_density`] with respect to the concentration `[n]`: `digamma(A) - digamma(alpha_i) + ln a_i`
+/// (thesis, equation 3.13).
 #[must_use]
 pub fn log_density_gradient(concentration: &[f64], log_action: &[f64]) -> Vec<f64> {
     let total = digamma(concentration.iter().sum());
@@ -144,7 +145,7 @@ pub fn entropy(concentration: &[f64]) -> f64 {
     log_beta(concentration) + excess * digamma(concentration.iter().sum()) - own
 }
 
-/// The gradient of [`entropy`] in the concentration `[n]`: `(A - n) trigamma(A) - (alpha_i - 1)
+/// The gradient of [`entropy`] with respect to the concentration `[n]`: `(A - n) trigamma(A) - (alpha_i - 1)
 /// trigamma(alpha_i)`.
 #[must_use]
 pub fn entropy_gradient(concentration: &[f64]) -> Vec<f64> {
@@ -168,9 +169,8 @@ pub fn kl_divergence(p: &[f64], q: &[f64]) -> f64 {
     log_beta(q) - log_beta(p) + difference
 }
 
-/// The gradients of [`kl_divergence`] in `p` and in `q`, each `[n]`:
-/// `(p_i - q_i) trigamma(p_i) - (P - Q) trigamma(P)` and `digamma(P) - digamma(p_i) + digamma(q_i) -
-/// digamma(Q)`.
+/// The gradients of [`kl_divergence`] with respect to `p` and `q`, each `[n]`: `(p_i - q_i) trigamma(p_i) - (P - Q)
+/// trigamma(P)` and `digamma(P) - digamma(p_i) + digamma(q_i) - digamma(Q)`.
 #[must_use]
 pub fn kl_divergence_gradients(p: &[f64], q: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let (p_sum, q_sum): (f64, f64) = (p.iter().sum(), q.iter().sum());
@@ -345,7 +345,7 @@ mod tests {
         assert!(log_density(&alpha, &[-0.7, -0.7]).is_nan() && entropy(&alpha).is_nan());
     }
 
-    /// `E[f(a)]` depends on alpha; the mean of the pathwise gradient has to be its derivative.
+    /// `E[f(a)]` depends on alpha; the mean of the pathwise gradient must be its derivative.
     #[test]
     fn pathwise_gradient_is_unbiased() {
         let (alpha, n) = ([0.6, 3.0, 1.4], 200_000);

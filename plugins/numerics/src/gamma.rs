@@ -1,4 +1,5 @@
-//! The Gamma(shape, 1) distribution in log space: a sampler and the exact derivative of a draw in its shape.
+//! The Gamma(shape, 1) distribution in log space: a sampler and the exact derivative of a draw with respect to its
+//! shape.
 //!
 //! Everything is in `ln x`, because for small shapes most draws are below the smallest `f64`: at shape 0.01
 //! half of them are below 1e-30 and one in a thousand is below 1e-300.
@@ -21,7 +22,7 @@ pub use arithmetic::gamma_slope::log_gamma_slope;
 /// Draws `ln x` of `x ~ Gamma(shape, 1)`, for any finite `shape > 0`; NaN otherwise, so that a diverged
 /// network is detected.
 ///
-/// Below one the draw of `shape + 1` is multiplied by `u^(1 / shape)`, here a sum of logarithms that cannot
+/// Below one, the draw of `shape + 1` is multiplied by `u^(1 / shape)`, here as a sum of logarithms, which cannot
 /// underflow.
 pub fn sample_log_gamma(shape: f64, rng: &mut impl RngCore) -> f64 {
     draws::log_gamma(shape, &mut || rng.next_u64())

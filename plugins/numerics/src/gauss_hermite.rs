@@ -7,7 +7,7 @@
 //! | h_k | orthonormal Hermite polynomials, `sqrt(k + 1) h_(k+1)(z) = z h_k(z) - sqrt(k) h_(k-1)(z)`, `h_0 = 1` |
 //! | J | matrix of that recurrence: symmetric, `sqrt(1), ..., sqrt(n - 1)` beside a diagonal of zeros |
 //! | z_i | nodes, the eigenvalues of J |
-//! | w_i | weights, `1 / sum_(k<n) h_k(z_i)^2`, with a small relative error even where they are tiny |
+//! | w_i | weights, `1 / sum_(k<n) h_k(z_i)^2`, with a small relative error even if they are tiny |
 
 use nalgebra::DMatrix;
 

@@ -6,19 +6,18 @@
 //! | `candidate` | x, the point before tanh or softmax |
 //! | `log_action` | ln a, a = softmax(x) |
 //!
-//! **Gaussian-softmax.** Softmax forgets a common shift of its argument, so a whole line of candidates `x + c
-//! 1` gives one action. Ordinary reinforcement learning code takes the density of the candidate, `ln N(x; mu,
-//! sigma)`, for the density of the action. The thesis calls the policy gradient estimated so biased (section
-//! 3.4.1): the density of the action is the candidate's integrated over `c` (equation 3.5), the true gradient
-//! contains its logarithm (3.6), and the ordinary estimator (3.7) does not. Two remarks complete the printed
-//! argument:
+//! **Gaussian-softmax.** Softmax forgets a common shift of its argument, so a whole line of candidates `x + c 1` gives
+//! one action. Common reinforcement learning code uses the density of the candidate, `ln N(x; mu, sigma)`, as the
+//! density of the action. The thesis calls the policy gradient that is estimated this way biased (section 3.4.1): the
+//! density of the action is the candidate's integrated over `c` (equation 3.5), the true gradient contains its
+//! logarithm (3.6), and the usual estimator (3.7) does not. Two remarks complete the printed argument:
 //! - Equation 3.5 leaves out the factor `1 / prod a_i`, the Jacobian of `(a_1, ..., a_(n-1), c) -> x`; it
 //!   does not depend on the parameters, so gradients are as printed. [`softmax_log_density`] includes it and
 //!   integrates to one.
-//! - `ln N(x) = ln pi(a) + ln p(c | a) + sum ln a_i`, and the score of `p(c | a)` has mean zero for each `a`.
-//!   A critic of the action alone thus leaves the mean of estimator (3.7) correct and adds variance; the
-//!   difference is in the entropy that a maximum-entropy algorithm rewards: that of the candidate includes the
-//!   shift `c`, which no environment observes.
+//! - `ln N(x) = ln pi(a) + ln p(c | a) + sum ln a_i`, and the score of `p(c | a)` has mean zero for each `a`. - A
+//!   critic of the action alone therefore leaves the mean of estimator (3.7) correct and adds variance. The difference
+//!   is in the entropy that a maximum-entropy algorithm rewards: that of the candidate includes the shift `c`, which no
+//!   environment observes.
 
 use rand::RngCore;
 
@@ -74,7 +73,7 @@ pub fn kl_divergence(p: (&[f64], &[f64]), q: (&[f64], &[f64])) -> f64 {
     p.0.iter().zip(p.1).zip(q.0.iter().zip(q.1)).map(coordinate).sum()
 }
 
-/// `ln(1 - tanh(x)^2) = 2 (ln 2 - x - ln(1 + exp(-2 x)))`, finite for any `x` where `tanh(x)` rounds to one.
+/// `ln(1 - tanh(x)^2) = 2 (ln 2 - x - ln(1 + exp(-2 x)))`, finite for any `x` for which `tanh(x)` rounds to one.
 #[must_use]
 pub fn log_tanh_derivative(x: f64) -> f64 {
     // The function is even, and the exponential of -2 |x| cannot overflow.

@@ -1,6 +1,6 @@
 //! Products of matrices of `f64` with the same bits on every processor.
 //!
-//! The operator of nalgebra gives products of more than five rows and columns to kernels that are chosen by the
+//! The operator of nalgebra computes products of more than five rows and columns with kernels that depend on the
 //! processor and may contract a product and a sum into one rounding.
 
 use nalgebra::DMatrix;
@@ -8,7 +8,7 @@ use nalgebra::DMatrix;
 /// Product of two matrices; every entry is a sum over the inner index, from the first on.
 ///
 /// # Panics
-/// If the columns of `left` are not as many as the rows of `right`.
+/// If the number of columns of `left` differs from the number of rows of `right`.
 #[must_use]
 pub fn product(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     assert_eq!(left.ncols(), right.nrows(), "columns and rows of a product");

@@ -101,7 +101,7 @@ impl Policy {
     /// Creates a policy from a network and its parameters in a state.
     ///
     /// # Panics
-    /// Where the state lacks a parameter of the network.
+    /// If the state lacks a parameter of the network.
     #[must_use]
     pub fn new(network: &Network, state: &State<f32>, ports: Ports, head: Head) -> Self {
         let mut parameters = TensorFile::default();
@@ -139,7 +139,7 @@ impl Policy {
     /// Writes `policy.safetensors` into `dir`.
     ///
     /// # Errors
-    /// [`TensorFileError::File`] where the operating system refuses.
+    /// [`TensorFileError::File`] if the operating system refuses.
     pub fn write(&self, dir: &Path) -> Result<(), TensorFileError> {
         let mut file = self.parameters.clone();
         file.header = serde_json::to_value(&self.header).map_err(|source| format_error(&source))?;
@@ -149,7 +149,7 @@ impl Policy {
     /// Reads `policy.safetensors` from `dir`.
     ///
     /// # Errors
-    /// [`TensorFileError`] where the file is missing, damaged or of another format.
+    /// [`TensorFileError`] if the file is missing, damaged or of another format.
     pub fn read(dir: &Path) -> Result<Self, TensorFileError> {
         let path = dir.join(FILE_NAME);
         let file = TensorFile::read(&path)?;
@@ -173,7 +173,7 @@ impl Policy {
     /// Action for one observation, in the units of the channels.
     ///
     /// # Panics
-    /// Where the length of the observation is not that of `header.inputs`.
+    /// If the length of the observation is not that of `header.inputs`.
     #[must_use]
     pub fn act(&self, observation: &[f64]) -> Vec<f64> {
         let PolicyHeader {
@@ -253,7 +253,7 @@ fn header(sizes: Vec<usize>, activations: &[Activation], ports: Ports, head: Hea
 }
 
 impl PolicyHeader {
-    /// Checks the header against itself and the tensors, before anything is allocated by its sizes.
+    /// Checks the header against itself and the tensors, before anything is allocated according to its sizes.
     fn fits(&self, file: &TensorFile) -> Result<(), TensorFileError> {
         let Self { sizes, outputs, .. } = self;
         let of_inputs = [&self.inputs.len(), &self.center.len(), &self.spread.len()];

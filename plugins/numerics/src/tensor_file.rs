@@ -87,7 +87,7 @@ impl TensorFile {
     /// Adds a tensor, or replaces the one of this name.
     ///
     /// # Panics
-    /// Where the number of entries is not the product of the shape.
+    /// If the number of entries is not the product of the shape.
     pub fn insert(&mut self, name: impl Into<String>, tensor: HostTensor) {
         assert_eq!(
             tensor.shape.iter().product::<usize>(),
@@ -119,10 +119,10 @@ impl TensorFile {
             .ok_or_else(|| TensorFileError::Missing { name: name.into() })
     }
 
-    /// Writes the file; replaces one that exists.
+    /// Writes the file; replaces an existing one.
     ///
     /// # Errors
-    /// [`TensorFileError::File`] where the operating system refuses.
+    /// [`TensorFileError::File`] if the operating system refuses.
     pub fn write(&self, path: &Path) -> Result<(), TensorFileError> {
         let bytes = self.to_bytes()?;
         std::fs::write(path, bytes).map_err(|source| TensorFileError::File {
@@ -135,8 +135,7 @@ impl TensorFile {
     /// Reads a file.
     ///
     /// # Errors
-    /// [`TensorFileError::File`] where the operating system refuses; [`TensorFileError::Damaged`] for other
-    /// content.
+    /// [`TensorFileError::File`] if the operating system refuses; [`TensorFileError::Damaged`] for other content.
     pub fn read(path: &Path) -> Result<Self, TensorFileError> {
         let bytes = std::fs::read(path).map_err(|source| TensorFileError::File {
             doing: "read",

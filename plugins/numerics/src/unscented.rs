@@ -1,8 +1,8 @@
 //! Unscented Kalman filter of a random walk that is observed through a function.
 //!
-//! S. J. Julier and J. K. Uhlmann 1997; R. van der Merwe 2004, "Sigma-point Kalman filters for probabilistic
-//! inference in dynamic state-space models" (the scaled sigma points). In double precision throughout, since the
-//! weight of the middle point is of the order of `-1 / alpha^2`.
+//! S. J. Julier and J. K. Uhlmann 1997; R. van der Merwe 2004, "Sigma-point Kalman filters for probabilistic inference
+//! in dynamic state-space models" (the scaled sigma points). All in double precision, since the weight of the middle
+//! point is of the order of `-1 / alpha^2`.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
@@ -42,8 +42,7 @@ impl SigmaPoints {
         self.alpha * self.alpha * (d as f64 + self.kappa)
     }
 
-    /// Sigma points of a mean and a covariance, as columns; `None` where the covariance is not positive
-    /// definite.
+    /// Sigma points of a mean and a covariance, as columns; `None` if the covariance is not positive definite.
     fn at(&self, mean: &DVector<f64>, covariance: &DMatrix<f64>) -> Option<Vec<DVector<f64>>> {
         let d = mean.len();
         let root = (covariance * self.scale(d)).cholesky()?.l();
@@ -69,8 +68,8 @@ impl SigmaPoints {
 #[derive(Debug, Clone, PartialEq)]
 pub struct UnscentedFilter {
     sigma: SigmaPoints,
-    /// Whether the sigma points are drawn again between prediction and update; otherwise those of the
-    /// prediction stay.
+    /// Whether the sigma points are drawn again between prediction and update; otherwise those of the prediction are
+    /// kept.
     redraw: bool,
     mean: DVector<f64>,
     covariance: DMatrix<f64>,

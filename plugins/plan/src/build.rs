@@ -1,5 +1,5 @@
-//! The methods of [`Graph`] that add operations. Each panics where shapes do not fit, with the operands' names and
-//! shapes, and where an operand belongs to another routine.
+//! The methods of [`Graph`] that add operations. Each panics if shapes do not fit, with the operands' names and shapes,
+//! and if an operand belongs to another routine.
 
 use crate::graph::{Graph, Shape, Value};
 use crate::operations::{Activation, Function, Operation, Pair, RowFunction, common_shape};
@@ -57,7 +57,7 @@ functions! {
     scale(factor) => Function::Scale(factor);
     /// `x + summand`.
     shift(summand) => Function::Shift(summand);
-    /// `x` within two limits, else the nearer one; its gradient passes within the limits and on them.
+    /// `x` within two limits, otherwise the nearer limit; its gradient passes within the limits and on them.
     clamp(low, high) => Function::Clamp(low, high);
     /// `ln Gamma(x)` for `x > 0`.
     ln_gamma() => Function::LnGamma;
@@ -76,9 +76,9 @@ pairs! {
     mul => Pair::Multiply;
     /// `a / b`.
     div => Pair::Divide;
-    /// The smaller number; its gradient passes to `a` where both are equal.
+    /// The smaller number; its gradient passes to `a` if both are equal.
     min => Pair::Smaller;
-    /// The larger number; its gradient passes to `a` where both are equal.
+    /// The larger number; its gradient passes to `a` if both are equal.
     max => Pair::Larger;
 }
 
@@ -157,14 +157,14 @@ impl Graph {
         self.scale(sum, 1.0 / (rows * columns) as f64)
     }
 
-    /// Mean of each column over the rows, `[1, columns]`, as [`Graph::mean`].
+    /// Mean of each column over the rows, `[1, columns]`, computed like [`Graph::mean`].
     #[must_use]
     pub fn mean_rows(&mut self, x: Value) -> Value {
         let (sum, n) = (self.sum_rows(x), self.shape(x)[0]);
         self.scale(sum, 1.0 / n as f64)
     }
 
-    /// Mean of each row over the columns, `[rows, 1]`, as [`Graph::mean`].
+    /// Mean of each row over the columns, `[rows, 1]`, computed like [`Graph::mean`].
     #[must_use]
     pub fn mean_columns(&mut self, x: Value) -> Value {
         let (sum, n) = (self.sum_columns(x), self.shape(x)[1]);
@@ -200,8 +200,8 @@ impl Graph {
         self.compute(Operation::Columns { first }, vec![x], [rows, range.len()])
     }
 
-    /// Of each row of `x` the entry in the column that `index` `[rows, 1]` names, `[rows, 1]`. An index is a whole
-    /// number from 0 on; a run panics at any other and at one that is too large.
+    /// Entry of each row of `x` in the column that `index` `[rows, 1]` names, `[rows, 1]`. An index is a whole number
+    /// from 0 on; a run panics at any other and at one that is too large.
     #[must_use]
     pub fn gather(&mut self, x: Value, index: Value) -> Value {
         let shape = [self.shape(x)[0], 1];
@@ -242,7 +242,7 @@ impl Graph {
     }
 
     /// Column of the largest entry of each row, the first one of equals, `[rows, 1]`, through which no gradient passes.
-    /// A NaN is no larger than any number, nor any number than it.
+    /// A NaN is never larger than a number, and no number is larger than it.
     #[must_use]
     pub fn place_of_largest(&mut self, x: Value) -> Value {
         let shape = [self.shape(x)[0], 1];
@@ -290,23 +290,23 @@ impl Graph {
         self.compute(Operation::SumGroups { size }, vec![x], [rows / size, columns])
     }
 
-    /// Standard normal numbers. Entry `i` depends on the seed of the run, on the place of the draw among those of its
-    /// routine, and on `i` alone.
+    /// Standard normal numbers. Entry `i` depends only on the seed of the run, on the place of the draw among those of
+    /// its routine, and on `i`.
     #[must_use]
     pub fn normal(&mut self, shape: Shape) -> Value {
         let index = self.next_draw();
         self.compute(Operation::Normal { index }, Vec::new(), shape)
     }
 
-    /// Uniform numbers strictly between 0 and 1, as [`Graph::normal`].
+    /// Uniform numbers strictly between 0 and 1, drawn like [`Graph::normal`].
     #[must_use]
     pub fn uniform(&mut self, shape: Shape) -> Value {
         let index = self.next_draw();
         self.compute(Operation::Uniform { index }, Vec::new(), shape)
     }
 
-    /// `ln x` of `x ~ Gamma(shape, 1)` for each shape, as [`Graph::normal`]. Its gradient in the shape is that of the
-    /// draw at a fixed probability (Figurnov et al. 2018).
+    /// `ln x` of `x ~ Gamma(shape, 1)` for each shape, drawn like [`Graph::normal`]. Its gradient with respect to the
+    /// shape is that of the draw at a fixed probability (Figurnov et al. 2018).
     #[must_use]
     pub fn log_gamma_draw(&mut self, shapes: Value) -> Value {
         let index = self.next_draw();
@@ -337,7 +337,8 @@ impl Graph {
         self.compute(function, vec![concentrations], [rows, 1])
     }
 
-    /// Each row less its largest entry. A shift of a row changes no softmax, so no gradient goes through the latter.
+    /// Each row minus its largest entry. A shift of a row changes no softmax, so no gradient passes through the largest
+    /// entry.
     fn less_largest(&mut self, x: Value) -> Value {
         let largest = self.largest_of_columns(x);
         self.sub(x, largest)

@@ -1,4 +1,4 @@
-//! Gradients of a plan against central differences in `f64`, for tests of learners.
+//! Compares gradients of a plan with central differences in `f64`, for tests of learners.
 
 use crate::graph::{Graph, Shape, Value};
 use crate::processor::Processor;
@@ -6,13 +6,13 @@ use crate::state::State;
 
 const STEP: f64 = 1e-5;
 
-/// Largest difference between the gradient of an output `[1, 1]` of a routine in parameters and central differences,
-/// relative to the largest entry of the gradient of the parameter (at least `1e-2`). The inputs are those of
-/// `inputs`.
+/// Largest difference between the gradient of an output `[1, 1]` of a routine with respect to parameters and central
+/// differences, relative to the largest entry of the gradient of the parameter (at least `1e-2`). The inputs are those
+/// of `inputs`.
 ///
 /// # Panics
-/// Where the graph has no such routine, output or parameter or none of an input's name, where the routine is not the
-/// last one, and as [`Graph::gradients`] and [`Processor::run`].
+/// If the graph has no such routine, output, parameter or input, if the routine is not the last one, and in the cases
+/// of [`Graph::gradients`] and [`Processor::run`].
 #[must_use]
 pub fn largest_error(
     mut graph: Graph,
@@ -49,7 +49,7 @@ pub fn largest_error(
         let scale = found.iter().fold(1e-2, |scale: f64, g| scale.max(g.abs()));
         for (place, g) in found.iter().enumerate() {
             let mut at = |step: f64| {
-                // The routine may change the state, too.
+                // The routine may change the state too.
                 let mut state = state.clone();
                 state.entries_mut(parameter)[place] += step;
                 processor.run_seeded(routine, &mut state, seed);

@@ -5,7 +5,7 @@ use crate::operations::RowFunction;
 use crate::scalar::Scalar;
 use arithmetic::gamma::{digamma, ln_gamma, trigamma};
 
-/// The function of a row of concentrations, and of a row of logarithms where it reads them.
+/// The function of a row of concentrations, and of a row of logarithms if it reads them.
 pub(crate) fn row<T: Scalar>(
     function: RowFunction,
     rows: [&[T]; 2],

@@ -22,7 +22,7 @@ const BELOW_ONE: f64 = 1.0 - 1.0 / (1_u64 << 24) as f64;
 pub(crate) fn uniform<T: Scalar>(seed: u64, index: usize, result: &mut [T]) {
     for (x, mut words) in result.iter_mut().zip(streams(seed, index)) {
         let nearest = T::of(draws::uniform(words.word()));
-        // Of 2^25 numbers one is rounded to 1 in `f32`.
+        // One of 2^25 numbers is rounded to 1 in `f32`.
         *x = if nearest.wide() < 1.0 {
             nearest
         } else {

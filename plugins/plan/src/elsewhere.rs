@@ -1,4 +1,4 @@
-//! Routines that another executor runs in place of the processor.
+//! Routines that another executor runs instead of the processor.
 
 use crate::cuda::{Kernels, size};
 use crate::executor::{Executor, or_panic};
@@ -9,12 +9,12 @@ use crate::state::State;
 use std::any::Any;
 use std::sync::Arc;
 
-/// Kernels by the routine's place; none where a routine has no kernels.
+/// Kernels by the routine's place; `None` inside if a routine has no kernels.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Elsewhere(Vec<Option<Option<Arc<Kernels>>>>);
 
 impl Elsewhere {
-    /// Runs a routine on an executor; false where it has no kernels, or the precision is not `f32`.
+    /// Runs a routine on an executor; false if it has no kernels, or the precision is not `f32`.
     pub(crate) fn run<T: Scalar>(
         &mut self,
         executor: &Arc<dyn Executor>,

@@ -1,4 +1,4 @@
-//! Equations with Rust's operators: what learners write.
+//! Equations with Rust's operators, in which learners are written.
 //!
 //! ```ignore
 //! let equations = Equations::new();
@@ -20,8 +20,8 @@ use std::ops::{Add, Div, Mul, Neg, Range, Sub};
 #[derive(Debug, Default)]
 pub struct Equations(RefCell<Graph>);
 
-/// A value in an equation. Its methods and operators add operations to the graph, and panic as those of [`Graph`] do.
-/// A quotient by a constant is the product with its rounded inverse.
+/// A value in an equation. Its methods and operators add operations to the graph, and panic like those of [`Graph`]. A
+/// quotient by a constant is the product with its rounded inverse.
 #[derive(Debug, Clone, Copy)]
 pub struct Expression<'e> {
     equations: &'e Equations,
@@ -85,7 +85,7 @@ impl Equations {
         self.add_with(|graph| graph.input(name, shape))
     }
 
-    /// The parameter of a name.
+    /// The parameter with a name.
     #[must_use]
     pub fn parameter(&self, name: &str, shape: Shape) -> Expression<'_> {
         self.add_with(|graph| graph.parameter(name, shape))
@@ -228,7 +228,7 @@ functions! {
     square();
     /// Square root.
     sqrt();
-    /// `x` within two limits, else the nearer one.
+    /// `x` within two limits, otherwise the nearer limit.
     clamp(low: f64, high: f64);
     /// `ln Gamma(x)`.
     ln_gamma();
@@ -302,13 +302,13 @@ impl<'e> Expression<'e> {
             .add_with(|graph| add(graph, self.value, other.value))
     }
 
-    /// The smaller number; its gradient passes to `self` where both are equal.
+    /// The smaller number; its gradient passes to `self` if both are equal.
     #[must_use]
     pub fn min(self, other: Self) -> Self {
         self.with(other, Graph::min)
     }
 
-    /// The larger number; its gradient passes to `self` where both are equal.
+    /// The larger number; its gradient passes to `self` if both are equal.
     #[must_use]
     pub fn max(self, other: Self) -> Self {
         self.with(other, Graph::max)
@@ -328,7 +328,7 @@ impl<'e> Expression<'e> {
         self.with(other, |graph, a, b| graph.product(a, b, transposed))
     }
 
-    /// Of each row the entry in the column that `index` `[rows, 1]` names.
+    /// Entry of each row in the column that `index` `[rows, 1]` names.
     #[must_use]
     pub fn gather(self, index: Self) -> Self {
         self.with(index, Graph::gather)

@@ -1,8 +1,8 @@
-//! Executors in place of the processor of this thread, such as a card that trains many members at once.
+//! Executors that replace the processor of this thread, such as a card that trains many members at once.
 //!
-//! While an executor is at work, every routine that has kernels runs on it, with the bits that the processor would
-//! give. The state of a learner becomes a member of the executor with its first run: its tensors lie there, and come
-//! back when they are read. Other routines run on the processor.
+//! While an executor is in use, every routine that has kernels runs on it, with the bits that the processor would give.
+//! The state of a learner becomes a member of the executor with its first run: its tensors are stored there, and are
+//! copied back when they are read. Other routines run on the processor.
 
 use crate::cuda::Kernels;
 use crate::graph::Shape;
@@ -12,10 +12,10 @@ use std::sync::Arc;
 
 /// A computer that runs routines of the states that it holds.
 pub trait Executor: Debug + Send + Sync {
-    /// Takes a state in, with the names and shapes of its tensors.
+    /// Takes over a state with the names and shapes of its tensors.
     ///
     /// # Errors
-    /// [`Lost`] where it cannot hold the state.
+    /// [`Lost`] if it cannot store the state.
     fn admit(&self, tensors: &[(&str, Shape)]) -> Result<Arc<dyn Member>, Lost>;
 }
 
@@ -24,23 +24,23 @@ pub trait Member: Debug + Send + Sync {
     /// Writes a tensor.
     ///
     /// # Errors
-    /// [`Lost`] where the executor is gone.
+    /// [`Lost`] if the executor is gone.
     fn write(&self, tensor: &str, entries: &[f32]) -> Result<(), Lost>;
 
     /// Reads a tensor.
     ///
     /// # Errors
-    /// [`Lost`] where the executor is gone.
+    /// [`Lost`] if the executor is gone.
     fn read(&self, tensor: &str) -> Result<Vec<f32>, Lost>;
 
     /// Runs a routine with the words of [`Kernels::prepare`] and all inputs; returns all outputs.
     ///
     /// # Errors
-    /// [`Lost`] where the executor is gone or has no memory left.
+    /// [`Lost`] if the executor is gone or has no memory left.
     fn run(&self, kernels: &Arc<Kernels>, words: &[u32], inputs: &[f32]) -> Result<Vec<f32>, Lost>;
 }
 
-/// An executor that cannot go on.
+/// The error of an executor that cannot continue.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Lost {
     /// The reason, as a sentence without its full stop.
@@ -56,7 +56,7 @@ impl std::fmt::Display for Lost {
 impl std::error::Error for Lost {}
 
 /// The result, or a panic with [`Lost`] as its payload, which ends the trial: its state is lost with the executor, and
-/// a checkpoint has the last one that was kept.
+/// only a checkpoint has an earlier one.
 pub(crate) fn or_panic<T>(result: Result<T, Lost>) -> T {
     result.unwrap_or_else(|lost| std::panic::panic_any(lost))
 }
@@ -65,9 +65,9 @@ thread_local! {
     static CURRENT: RefCell<Option<Arc<dyn Executor>>> = const { RefCell::new(None) };
 }
 
-/// Calls a function with an executor at work in this thread.
+/// Calls a function while an executor is in use in this thread.
 pub fn with<R>(executor: &Arc<dyn Executor>, call: impl FnOnce() -> R) -> R {
-    /// Puts the former executor back, after a panic too.
+    /// Restores the former executor, even after a panic.
     struct Restore(Option<Arc<dyn Executor>>);
     impl Drop for Restore {
         fn drop(&mut self) {
@@ -78,7 +78,7 @@ pub fn with<R>(executor: &Arc<dyn Executor>, call: impl FnOnce() -> R) -> R {
     call()
 }
 
-/// The executor at work in this thread.
+/// The executor that is in use in this thread.
 pub(crate) fn current() -> Option<Arc<dyn Executor>> {
     CURRENT.with(|current| current.borrow().clone())
 }

@@ -5,51 +5,51 @@ use crate::operations::Operation;
 use std::fmt::Debug;
 use std::sync::Arc;
 
-/// Most operands of an extension.
+/// Largest number of operands of an extension.
 pub const MOST_OPERANDS: usize = 8;
 
 /// An operation that another crate computes, in `f32`.
 ///
-/// Its result has to depend on its operands alone, and not on the processor: an executor in `f64` converts operands to
+/// Its result must depend only on its operands, and not on the processor. An executor in `f64` converts operands to
 /// `f32` and the result back.
 pub trait Extension: Debug + Send + Sync {
     /// Name in a listing of the plan.
     fn name(&self) -> String;
 
-    /// Shape of the result; none where operands of these shapes do not fit.
+    /// Shape of the result; `None` if operands of these shapes do not fit.
     fn shape(&self, operands: &[Shape]) -> Option<Shape>;
 
     /// Floating-point operations of one run.
     fn flops(&self, operands: &[Shape], result: Shape) -> u64;
 
-    /// Computes the whole result, whose entries are arbitrary before. `memory` is for intermediate numbers, has the
-    /// content that any extension of the executor left, and may be resized.
+    /// Computes the complete result, whose entries are arbitrary before. `memory` is for intermediate numbers, has
+    /// arbitrary content, which any extension of the executor may have left, and may be resized.
     fn compute(&self, operands: &[&[f32]], result: &mut [f32], memory: &mut Vec<f32>);
 
-    /// Whether the result has a gradient in an operand. Other operands count as constants.
+    /// Whether the result has a gradient with respect to an operand. Other operands count as constants.
     fn passes(&self, operand: usize) -> bool {
         let _ = operand;
         true
     }
 
-    /// Adds the operations that compute the gradient in each needed operand; none for the others.
+    /// Adds the operations that compute the gradient with respect to each needed operand; none for the others.
     fn gradients(&self, graph: &mut Graph, backward: &Backward<'_>) -> Vec<Option<Value>>;
 }
 
-/// Values of which the gradients in the operands of an extension are computed.
+/// Values from which the gradients with respect to the operands of an extension are computed.
 #[derive(Debug, Clone, Copy)]
 pub struct Backward<'a> {
     /// Operands.
     pub operands: &'a [Value],
     /// Result.
     pub result: Value,
-    /// Gradient in the result.
+    /// Gradient with respect to the result.
     pub upstream: Value,
-    /// Whether the gradient in each operand is needed.
+    /// Whether the gradient with respect to each operand is needed.
     pub is_needed: &'a [bool],
 }
 
-/// An extension in a graph. It equals its own copies alone.
+/// An extension in a graph. It equals only its own copies.
 #[derive(Debug, Clone)]
 pub(crate) struct Shared(pub(crate) Arc<dyn Extension>);
 
@@ -63,7 +63,7 @@ impl Graph {
     /// Result of an extension.
     ///
     /// # Panics
-    /// Where the operands do not fit, are none, or are more than [`MOST_OPERANDS`].
+    /// If the operands do not fit, are none, or are more than [`MOST_OPERANDS`].
     #[must_use]
     pub fn apply(&mut self, extension: impl Extension + 'static, operands: &[Value]) -> Value {
         let shapes: Vec<Shape> = operands.iter().map(|operand| self.shape(*operand)).collect();
@@ -77,7 +77,7 @@ impl Graph {
         self.compute(operation, operands.to_vec(), shape)
     }
 
-    /// Gradients in the operands of an extension that depend on a wanted value.
+    /// Gradients with respect to those operands of an extension that depend on a wanted value.
     pub(crate) fn through_extension(
         &mut self,
         extension: &Shared,

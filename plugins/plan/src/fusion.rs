@@ -1,4 +1,4 @@
-//! Consecutive entrywise operations of one shape as one loop over pieces of [`PIECE`] entries, whose intermediate
+//! Runs consecutive entrywise operations of one shape as one loop over pieces of [`PIECE`] entries, whose intermediate
 //! values stay in a small memory.
 
 use crate::graph::{Graph, Shape, Step, Value};
@@ -6,7 +6,7 @@ use crate::memory::Memory;
 use crate::operations::{Function, Operation, Pair};
 use crate::scalar::{Scalar, combine, map};
 
-/// Entries that go through all operations of a loop at a time.
+/// Number of entries that go through all operations of a loop at a time.
 const PIECE: usize = 256;
 
 /// Place from which an operand is read.
@@ -44,7 +44,7 @@ pub(crate) struct Pieces<T> {
 }
 
 impl<T: Scalar> Pieces<T> {
-    /// Provides for loops of up to `n` operations.
+    /// Reserves memory for loops of up to `n` operations.
     pub(crate) fn provide(&mut self, n: usize) {
         let n = n.max(self.results.len());
         self.results.resize(n, vec![T::default(); PIECE]);

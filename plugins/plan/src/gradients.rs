@@ -1,8 +1,8 @@
 //! Reverse mode: the operations that compute the gradients of a loss.
 //!
 //! Operations are visited from the loss backward, and only those that the loss reaches and that depend on a wanted
-//! value. The gradients of one value are added in this order. At kinks: a clamp passes the gradient on its limits, a
-//! rectifier has its lower slope at 0, and of two equal numbers the first one takes the gradient.
+//! value. The gradients of one value are added in this order. At kinks, a clamp passes the gradient on its limits, a
+//! rectifier has its lower slope at 0, and the first of two equal numbers gets the gradient.
 
 use crate::graph::{Graph, Shape, Step, Value};
 use crate::operations::{Function, Operation, Pair, RowFunction};
@@ -11,9 +11,9 @@ impl Graph {
     /// Gradients of `loss` `[1, 1]`, one per wanted value (a parameter, an input or a computed value), in their order.
     ///
     /// # Panics
-    /// Where the loss is no single number or does not depend on a wanted value, where a parameter that the loss was
-    /// computed with has been updated since, and where the loss depends on a wanted value through `Trigamma`,
-    /// the slope of a log-gamma draw, or the slope of a Dirichlet density or entropy.
+    /// If the loss is no single number or does not depend on a wanted value, if a parameter from which the loss was
+    /// computed has been updated since, or if the loss depends on a wanted value through `Trigamma`, the slope of a
+    /// log-gamma draw, or the slope of a Dirichlet density or entropy.
     #[must_use]
     pub fn gradients(&mut self, loss: Value, wanted: &[Value]) -> Vec<Value> {
         assert_eq!(self.shape(loss), [1, 1], "the gradient of {}", self.shown(loss));
@@ -67,7 +67,7 @@ impl Graph {
         depends
     }
 
-    /// Panics where an operand of a computed value has been updated after the value was computed.
+    /// Panics if an operand of a computed value has been updated after the value was computed.
     fn check_freshness(&self, value: Value) {
         let Some(list) = self.nodes[value.0].routine.map(|routine| &self.routines[routine]) else {
             return;
@@ -238,7 +238,7 @@ impl Graph {
         self.mul(gradient, slope)
     }
 
-    /// Gradient in the argument `x` of a function with the result `y`.
+    /// Gradient with respect to the argument `x` of a function with the result `y`.
     fn through_function(&mut self, function: Function, x: Value, y: Value, gradient: Value) -> Value {
         let slope = match function {
             Function::Repeat => return self.reduced(gradient, self.shape(x)),
@@ -275,7 +275,7 @@ impl Graph {
         self.mul(gradient, slope)
     }
 
-    /// Gradient in operand `at` of two with the result `y`, before the sum over repeated entries.
+    /// Gradient with respect to operand `at` of two with the result `y`, before the sum over repeated entries.
     fn through_pair(
         &mut self,
         pair: Pair,

@@ -1,4 +1,4 @@
-//! The builder of a plan: leaves, routines, and what is checked when an operation is added.
+//! The builder of a plan: leaves, routines, and the checks when an operation is added.
 
 use crate::operations::Operation;
 use crate::updates::Update;
@@ -44,8 +44,8 @@ pub(crate) struct StepList {
     pub(crate) n_draws: usize,
 }
 
-/// Values and routines. Methods that add to it check names and shapes and panic where they do not fit, with the
-/// names and both shapes: a graph is written by a programmer, and its shapes are known when it is built.
+/// Values and routines. Methods that add to it check names and shapes and panic if they do not fit, with the names and
+/// both shapes: a graph is written by a programmer, and its shapes are known when it is built.
 #[derive(Debug, Clone, Default)]
 pub struct Graph {
     pub(crate) nodes: Vec<Node>,
@@ -65,16 +65,16 @@ impl Graph {
     /// A matrix that a caller writes before a run.
     ///
     /// # Panics
-    /// Where the name is taken or the shape has no entries.
+    /// If the name is taken or the shape has no entries.
     #[must_use]
     pub fn input(&mut self, name: &str, shape: Shape) -> Value {
         self.leaf(Operation::Input, name, shape)
     }
 
-    /// The matrix of a name that stays between runs and that updates change, a part of a [`State`](crate::State).
+    /// The matrix with a name that is kept between runs and changed by updates, a part of a [`State`](crate::State).
     ///
     /// # Panics
-    /// Where the name is that of another value or shape, or the shape has no entries.
+    /// If the name belongs to another value or shape, or the shape has no entries.
     #[must_use]
     pub fn parameter(&mut self, name: &str, shape: Shape) -> Value {
         let is_it = |node: &Node| node.operation == Operation::Parameter && node.shape == shape;
@@ -85,7 +85,7 @@ impl Graph {
     /// A matrix with given entries, row by row, rounded to the executor's precision.
     ///
     /// # Panics
-    /// Where the number of entries is not that of the shape.
+    /// If the number of entries is not that of the shape.
     #[must_use]
     pub fn constant(&mut self, shape: Shape, entries: &[f64]) -> Value {
         assert_eq!(
@@ -97,7 +97,7 @@ impl Graph {
         self.push(Operation::Constant(entries.to_vec()), Vec::new(), shape, None)
     }
 
-    /// The number of a name that a state may change between runs, `first` until then.
+    /// The number with a name that a state may change between runs; it is `first` until then.
     #[must_use]
     pub fn number(&mut self, name: &str, first: f64) -> Number {
         if let Some(at) = self.numbers.iter().position(|(other, _)| other == name) {
@@ -110,7 +110,7 @@ impl Graph {
     /// Begins a routine: operations added from now on belong to it.
     ///
     /// # Panics
-    /// Where the name is taken.
+    /// If the name is taken.
     #[must_use]
     pub fn routine(&mut self, name: &str) -> Routine {
         let is_free = self.routines.iter().all(|other| other.name != name);
@@ -126,7 +126,7 @@ impl Graph {
     /// Names a computed value, which can be read after a run of its routine.
     ///
     /// # Panics
-    /// Where the name is taken, or the value is a leaf or has a name.
+    /// If the name is taken, or the value is a leaf or already has a name.
     pub fn output(&mut self, name: &str, value: Value) {
         self.check_name(name);
         let shown = self.shown(value);
@@ -139,13 +139,13 @@ impl Graph {
         (node.name, node.is_output) = (Some(name.to_owned()), true);
     }
 
-    /// The value of a name.
+    /// The value with a name.
     #[must_use]
     pub fn named(&self, name: &str) -> Option<Value> {
         self.names.get(name).map(|at| Value(*at))
     }
 
-    /// The routine of a name.
+    /// The routine with a name.
     #[must_use]
     pub fn routine_named(&self, name: &str) -> Option<Routine> {
         let found = self.routines.iter().position(|routine| routine.name == name);
@@ -187,7 +187,7 @@ impl Graph {
         self.routines[routine].steps.push(Step::Update(update));
     }
 
-    /// The routine that was begun last, to which all computed operands have to belong.
+    /// The routine that was begun last, to which all computed operands must belong.
     fn current(&self, operands: &[Value]) -> usize {
         let n_routines = self.routines.len();
         assert!(n_routines > 0, "an operation before the first routine");

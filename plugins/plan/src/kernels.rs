@@ -10,7 +10,7 @@ use crate::updates::Update;
 #[derive(Debug, Clone)]
 pub(crate) enum Kernel {
     Loop(Loop),
-    /// An operation with a buffer of its own, which is none of its operands'.
+    /// An operation with a buffer of its own, which it shares with none of its operands.
     Single(Value),
     Update(Update),
 }

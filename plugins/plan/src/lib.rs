@@ -11,7 +11,7 @@
 //! | module | contents |
 //! |---|---|
 //! | [`graph`] | the builder: leaves, routines, checks of shapes |
-//! | [`operations`] | kinds of operations, and what each computes |
+//! | [`operations`] | kinds of operations, and the result of each |
 //! | [`build`] | the methods that add operations |
 //! | [`gradients`] | reverse mode |
 //! | [`updates`] | changes of parameters: Adam, moving averages, assignments; clipping of gradients |
@@ -19,7 +19,7 @@
 //! | [`extension`] | operations that other crates compute |
 //! | [`scalar`] | the arithmetic that an executor needs of `f32` or `f64` |
 //! | [`processor`] | the executor on this processor |
-//! | [`executor`] | executors in its place |
+//! | [`executor`] | executors that replace it |
 //! | [`cuda`] | routines as kernels for a card |
 //! | [`plans`] | processors by their number of rows |
 //! | [`state`] | parameters, moments and step counts, apart from any plan |
@@ -27,11 +27,11 @@
 //! | [`differences`] | gradients against finite differences, for tests |
 //!
 //! One update of soft actor-critic (`examples/soft_actor_critic.rs`: two hidden layers of 256, a batch of 256) takes
-//! 5.3 ms at best and 5.8 to 7.8 ms on average on one core of a Xeon with AVX-512 that other programs use too,
-//! 90 % of it in products.
+//! 5.3 ms at best and 5.8 to 7.8 ms on average on one core of a Xeon with AVX-512 that other programs also use, 90 % of
+//! it in products.
 //!
-//! A plan makes no data-dependent choices of operations. Its random numbers depend on the seed of the run, on
-//! the draw's place in the routine and on the entry: not on the number of rows.
+//! A plan makes no data-dependent choices of operations. Its random numbers depend on the seed of the run, on the
+//! draw's place in the routine and on the entry, but not on the number of rows.
 
 mod bound;
 pub mod build;

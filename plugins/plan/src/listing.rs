@@ -1,6 +1,6 @@
 //! A plan as text, its floating-point operations and its memory traffic.
 //!
-//! Steps whose results nothing reads are left out, here as in executors.
+//! Steps whose results are never read are left out, here and in executors.
 
 use crate::cuda::Kernels;
 use crate::graph::{Graph, Routine, Shape, Step, Value};
@@ -30,8 +30,8 @@ impl Graph {
         self.live_steps(routine.0).iter().map(of).sum()
     }
 
-    /// Bytes that one run reads and writes in `f32`, where every operation reads its operands and writes its result.
-    /// An executor that fuses operations moves fewer.
+    /// Bytes that one run reads and writes in `f32` if every operation reads its operands and writes its result. An
+    /// executor that fuses operations moves fewer.
     #[must_use]
     pub fn bytes(&self, routine: Routine) -> u64 {
         let of = |step: &&Step| match step {

@@ -1,5 +1,5 @@
-//! Buffers of values. Leaves and outputs have their own; other values share those of the same length whose values
-//! are read no more, so that a routine works in as little of the cache as it can.
+//! Buffers of values. Leaves and outputs have their own. Other values share those of the same length whose values are
+//! no longer read, so that a routine uses as little of the cache as possible.
 
 use crate::graph::{Graph, Shape, Value};
 use crate::operations::Operation;
@@ -9,7 +9,7 @@ use crate::tensor::{Tensor, next_version};
 #[derive(Debug, Clone)]
 pub(crate) struct Memory<T> {
     buffers: Vec<Vec<T>>,
-    /// Place of each value's buffer; that of a value without one is beyond the end.
+    /// Place of each value's buffer; a value without one has a place beyond the end.
     places: Vec<usize>,
     /// Version of each value's entries.
     versions: Vec<u64>,
@@ -33,7 +33,7 @@ impl<T: Scalar> Memory<T> {
             let n = node.shape[0] * node.shape[1];
             let entries = match &node.operation {
                 Operation::Constant(entries) => entries.iter().map(|entry| T::of(*entry)).collect(),
-                // The entries of a state are in the state.
+                // The entries of a state are in the state itself.
                 Operation::Parameter | Operation::State => Vec::new(),
                 _ if node.routine.is_none() || node.is_output => vec![T::default(); n],
                 _ => continue,
@@ -69,7 +69,7 @@ impl<T: Scalar> Memory<T> {
         );
     }
 
-    /// Frees the buffer of a value that is read no more, if it is shared.
+    /// Frees the buffer of a value that is no longer read, if it is shared.
     pub(crate) fn release(&mut self, value: Value) {
         let place = self.places[value.0];
         if self.shared.contains(&place) && !self.free.contains(&place) {
@@ -87,7 +87,7 @@ impl<T: Scalar> Memory<T> {
         &mut self.buffers[self.places[value.0]]
     }
 
-    /// Takes the buffer of a value out, so that it can change while others are read; [`Memory::put`] brings it back.
+    /// Takes the buffer of a value out, so that it can change while others are read; [`Memory::put`] returns it.
     pub(crate) fn take(&mut self, value: Value) -> Vec<T> {
         self.versions[value.0] = next_version();
         std::mem::take(&mut self.buffers[self.places[value.0]])

@@ -1,7 +1,7 @@
-//! Kinds of operations, and what each computes.
+//! Kinds of operations, and the result of each.
 //!
-//! Functions of one and of two numbers act entry by entry; an operand with one row, one column or both is repeated
-//! over the others. The result for a NaN is a NaN, except where a slope or a comparison is taken of it.
+//! Functions of one and of two numbers act entry by entry; an operand with one row, one column or both is repeated over
+//! the others. The result for a NaN is a NaN, except for slopes and comparisons.
 
 use crate::extension::Shared;
 use crate::graph::Shape;
@@ -64,7 +64,7 @@ pub enum Function {
     Sigmoid,
     /// `|x|`.
     Absolute,
-    /// 1 for `x > 0`, -1 for `x < 0`, else 0.
+    /// 1 for `x > 0`, -1 for `x < 0`, otherwise 0.
     Sign,
     /// `x^2`.
     Square,
@@ -74,9 +74,9 @@ pub enum Function {
     Scale(f64),
     /// `x + c`.
     Shift(f64),
-    /// `x` within the two limits, else the nearer one.
+    /// `x` within the two limits, otherwise the nearer limit.
     Clamp(f64, f64),
-    /// 1 within the two limits and on them, else 0.
+    /// 1 within the two limits and on them, otherwise 0.
     Within(f64, f64),
     /// `ln Gamma(x)` for `x > 0`, in `f64` and then rounded.
     LnGamma,
@@ -97,27 +97,28 @@ pub enum Pair {
     Multiply,
     /// `a / b`.
     Divide,
-    /// The smaller number, `a` where they are equal, a NaN where one is.
+    /// The smaller number; `a` if both are equal, a NaN if one is a NaN.
     Smaller,
-    /// The larger number, `a` where they are equal, a NaN where one is.
+    /// The larger number; `a` if both are equal, a NaN if one is a NaN.
     Larger,
-    /// 1 for `a > b`, else 0.
+    /// 1 for `a > b`, otherwise 0.
     Exceeds,
-    /// 0 for `a > b`, else 1.
+    /// 0 for `a > b`, otherwise 1.
     AtMost,
 }
 
-/// A function of a row of concentrations `alpha` of a Dirichlet distribution with the sum `A`, and of the logarithm
-/// `ln a` of a point where it says so.
+/// A function of a row of concentrations `alpha` of a Dirichlet distribution with the sum `A`, and for some also of the
+/// logarithm `ln a` of a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RowFunction {
     /// `ln Gamma(A) - sum ln Gamma(alpha_i) + sum (alpha_i - 1) ln a_i`, one number a row.
     DirichletDensity,
-    /// Derivative of the density in each `alpha_i`: `digamma(A) - digamma(alpha_i) + ln a_i`.
+    /// Derivative of the density with respect to each `alpha_i`: `digamma(A) - digamma(alpha_i) + ln a_i`.
     DirichletScore,
     /// Differential entropy, one number a row.
     DirichletEntropy,
-    /// Derivative of the entropy in each `alpha_i`: `(A - n) trigamma(A) - (alpha_i - 1) trigamma(alpha_i)`.
+    /// Derivative of the entropy with respect to each `alpha_i`: `(A - n) trigamma(A) - (alpha_i - 1)
+    /// trigamma(alpha_i)`.
     DirichletEntropySlope,
 }
 
@@ -144,7 +145,7 @@ pub(crate) enum Operation {
     SumRows,
     /// Sum of each row over the columns, the chain of a product with a column of ones.
     SumColumns,
-    /// Sum of all entries in blocks, as `arithmetic::products` has it.
+    /// Sum of all entries in blocks, as defined in `arithmetic::products`.
     Sum,
     /// Largest entry of each row, through which no gradient passes.
     LargestOfColumns,
@@ -154,13 +155,13 @@ pub(crate) enum Operation {
     Ranked { rank: usize },
     /// Matrices of equal rows side by side.
     Join,
-    /// As many columns as the result has, from a first one on.
+    /// Columns of the operand from a first one on, as many as the result has.
     Columns { first: usize },
-    /// The operand's columns from column `first` of a matrix of zeros on.
+    /// The operand's columns, placed in a matrix of zeros from column `first` on.
     Place { first: usize },
-    /// Of each row the entry in the column that a second operand `[rows, 1]` names.
+    /// Entry of each row in the column that a second operand `[rows, 1]` names.
     Gather,
-    /// Each row's number in the column that a second operand names, else zeros.
+    /// Each row's number in the column that a second operand names, and zeros elsewhere.
     Scatter,
     /// The same entries in another shape.
     Reshape,
@@ -174,11 +175,12 @@ pub(crate) enum Operation {
     Uniform { index: usize },
     /// `ln x` of `x ~ Gamma(shape, 1)` for each shape, draw `index` of the routine, in `f64` and then rounded.
     LogGamma { index: usize },
-    /// Derivative of a log-gamma draw in its shape at a fixed probability, of the shape and the draw.
+    /// Derivative of a log-gamma draw with respect to its shape at a fixed probability, computed from the shape and the
+    /// draw.
     LogGammaSlope,
     /// A function of the rows of one or two operands, in `f64` and then rounded.
     Rows(RowFunction),
-    /// 1, or where the joint norm of all operands exceeds `largest`, the quotient of both.
+    /// 1, or if the joint norm of all operands exceeds `largest`, the quotient of both.
     ClipScale { largest: f64 },
     /// An operation of another crate.
     Extension(Shared),
@@ -230,7 +232,7 @@ impl std::fmt::Display for Operation {
     }
 }
 
-/// Shape of two operands combined entry by entry, where one with a single row or column is repeated.
+/// Shape of two operands combined entry by entry; one with a single row or column is repeated.
 pub(crate) fn common_shape(a: Shape, b: Shape) -> Option<Shape> {
     let side = |a: usize, b: usize| (a == b || a == 1 || b == 1).then(|| a.max(b));
     Some([side(a[0], b[0])?, side(a[1], b[1])?])

@@ -6,12 +6,12 @@ use crate::processor::Processor;
 /// Largest number of processors that are kept.
 const KEPT: usize = 4;
 
-/// Processors for numbers of rows, the one that was used last at the end.
+/// Processors for numbers of rows, the most recently used one at the end.
 #[derive(Debug, Clone, Default)]
 pub struct Plans(Vec<(usize, Processor<f32>)>);
 
 impl Plans {
-    /// The processor for a number of rows. `write` writes its equations where there is none yet.
+    /// The processor for a number of rows. `write` writes its equations if there is none yet.
     pub fn of_rows(&mut self, rows: usize, write: impl FnOnce(&Equations)) -> &mut Processor<f32> {
         let found = self.0.iter().position(|(others, _)| *others == rows);
         let last = found.map_or_else(

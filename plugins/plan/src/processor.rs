@@ -64,7 +64,7 @@ pub struct Processor<T: Scalar> {
     wide: [Vec<f64>; 3],
     /// Intermediate numbers of extensions.
     extended: Vec<f32>,
-    /// Routines as kernels, once another executor was at work.
+    /// Routines as kernels, filled once another executor was in use.
     elsewhere: Elsewhere,
 }
 
@@ -115,7 +115,7 @@ impl<T: Scalar> Processor<T> {
     /// Writes an input row by row.
     ///
     /// # Panics
-    /// Where no input has the name, or the number of entries is not that of its shape.
+    /// If no input has the name, or the number of entries is not that of its shape.
     pub fn write(&mut self, input: &str, entries: &[T]) {
         let own = self.input(input);
         assert_eq!(entries.len(), own.len(), "entries of the input `{input}`");
@@ -125,7 +125,7 @@ impl<T: Scalar> Processor<T> {
     /// Entries of an input row by row, to be written in place.
     ///
     /// # Panics
-    /// Where no input has the name.
+    /// If no input has the name.
     pub fn input(&mut self, input: &str) -> &mut [T] {
         let value = self.named(input);
         let is_input = self.graph.nodes[value.0].operation == Operation::Input;
@@ -133,10 +133,10 @@ impl<T: Scalar> Processor<T> {
         self.memory.of_mut(value)
     }
 
-    /// Entries of an input or an output row by row; those of an output are of the last run, 0 before it.
+    /// Entries of an input or an output row by row; those of an output are from the last run, and 0 before it.
     ///
     /// # Panics
-    /// Where no input or output has the name.
+    /// If no input or output has the name.
     #[must_use]
     pub fn entries(&self, name: &str) -> &[T] {
         let value = self.named(name);
@@ -146,7 +146,7 @@ impl<T: Scalar> Processor<T> {
         self.memory.of(value)
     }
 
-    /// The one number of an output `[1, 1]`, as [`Processor::entries`].
+    /// The only number of an output `[1, 1]`, read like [`Processor::entries`].
     #[must_use]
     pub fn number(&self, output: &str) -> f64 {
         let entries = self.entries(output);
@@ -157,7 +157,7 @@ impl<T: Scalar> Processor<T> {
     /// Executes a routine that draws nothing.
     ///
     /// # Panics
-    /// Where the graph has no such routine or it draws, the state lacks a parameter or has another shape of it, or an
+    /// If the graph has no such routine or it draws, the state lacks a parameter or has another shape of it, or an
     /// index of a gather is no whole number or too large.
     pub fn run(&mut self, routine: &str, state: &mut State<T>) {
         let of = self.routine(routine);
@@ -169,7 +169,7 @@ impl<T: Scalar> Processor<T> {
     /// Executes a routine whose draws depend on a seed.
     ///
     /// # Panics
-    /// As [`Processor::run`].
+    /// In the cases of [`Processor::run`].
     pub fn run_seeded(&mut self, routine: &str, state: &mut State<T>, seed: u64) {
         self.run_observed(self.routine(routine), state, seed, |_, _| {});
     }
@@ -179,11 +179,10 @@ impl<T: Scalar> Processor<T> {
         routine.unwrap_or_else(|| panic!("the plan has no routine `{name}`"))
     }
 
-    /// Executes a routine and calls `after` at the end of each kernel with the shape of its result, for a measurement
-    /// of times.
+    /// Executes a routine and calls `after` at the end of each kernel with the shape of its result, to measure times.
     ///
     /// # Panics
-    /// As [`Processor::run`].
+    /// In the cases of [`Processor::run`].
     pub fn run_observed(
         &mut self,
         routine: Routine,
@@ -297,7 +296,7 @@ impl<T: Scalar> Processor<T> {
         }
     }
 
-    /// Place of the pack of a second factor that is a leaf. Others change in every run.
+    /// Place of the pack of a second factor that is a leaf. Other second factors change in every run.
     fn pack_of(&mut self, value: Value, is_transposed: bool) -> Option<usize> {
         if self.graph.nodes[value.0].routine.is_some() {
             return None;
@@ -320,7 +319,7 @@ impl<T: Scalar> Processor<T> {
         let place = self.pack_of(b, is_transposed);
         let (newest, mut version) = (Some(self.memory.version(b)), None);
         if let Some(pack) = place.map(|at| &mut self.packs[at]) {
-            // The common memory holds the pack while it is read.
+            // The shared memory is used for the pack while it is read.
             std::mem::swap(&mut self.packed, &mut pack.packed);
             version = std::mem::replace(&mut pack.version, newest);
         }
@@ -430,7 +429,7 @@ impl<T: Scalar> Processor<T> {
         }
     }
 
-    /// 1, or where the joint norm of all values exceeds `largest`, the quotient of both.
+    /// 1, or if the joint norm of all values exceeds `largest`, the quotient of both.
     fn clip_scale(&self, values: &[Value], largest: f64) -> T {
         let squares = values.iter().map(|it| T::sum_of_squares(self.memory.of(*it)));
         let norm = squares.fold(0.0, |sum, squares| sum + squares).sqrt();

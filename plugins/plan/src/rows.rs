@@ -52,7 +52,7 @@ pub(crate) fn by_rows<T: Scalar>(
     }
 }
 
-/// Largest number of a row; a NaN where one is.
+/// Largest number of a row; a NaN if one is a NaN.
 #[allow(clippy::eq_op, reason = "a NaN differs from itself")]
 pub(crate) fn largest<T: Scalar>(row: &[T]) -> T {
     let larger = |a: T, b: T| if b > a || b != b { b } else { a };

@@ -18,7 +18,7 @@ pub struct Factor<'a, T> {
     pub entries: &'a [T],
     /// Shape as it lies in memory.
     pub shape: [usize; 2],
-    /// Whether rows and columns change places.
+    /// Whether rows and columns are exchanged.
     pub is_transposed: bool,
 }
 
@@ -50,13 +50,13 @@ pub trait Scalar:
     /// Square root, rounded once.
     fn root(self) -> Self;
 
-    /// A transcendental function of each entry; others leave the entries as they are.
+    /// A transcendental function of each entry; other functions leave the entries unchanged.
     fn elementary(function: Function, entries: &mut [Self]);
 
     /// Packs a second factor.
     fn pack(packed: &mut Self::Packed, factor: Factor<Self>);
 
-    /// Product of `a` and a packed factor. `finish` gets some complete rows at a time, in their order.
+    /// Product of `a` and a packed factor. `finish` receives some complete rows at a time, in order.
     fn multiply(
         memory: &mut Self::Multiplier,
         a: Factor<Self>,
@@ -296,8 +296,9 @@ impl Scalar for f64 {
     }
 }
 
-/// Replaces each entry `x` by an expression of it. The expression is no closure, which might not be inlined into the
-/// wide vectors; what it captures is moved, so that no store of an entry can change it and the loop is vectorised.
+/// Replaces each entry `x` by an expression of it. The expression is no closure, because a closure might not be inlined
+/// into the wide vectors. Captured values are moved, so that no store of an entry can change them and the loop is
+/// vectorised.
 macro_rules! each {
     ($entries:expr, |$x:ident| $value:expr) => {
         widest(

@@ -1,5 +1,5 @@
-//! State that a plan keeps between runs, by its names: parameters, moments, numbers of steps, and numbers such as
-//! learning rates. One state serves every processor whose graph has its names and shapes, for any number of rows.
+//! State that a plan keeps between runs, by name: parameters, moments, numbers of steps, and numbers such as learning
+//! rates. One state serves every processor whose graph has its names and shapes, for any number of rows.
 
 use crate::executor::{Executor, Member, or_panic};
 use crate::graph::Shape;
@@ -13,7 +13,7 @@ use std::sync::Arc;
 pub enum StateError {
     /// No parameter or moment has this name.
     Missing {
-        /// Name that was sought.
+        /// Name that was looked up.
         name: String,
     },
     /// Another shape.
@@ -22,7 +22,7 @@ pub enum StateError {
         name: String,
         /// Shape in the state.
         expected: Shape,
-        /// Shape that was given.
+        /// Given shape.
         found: Vec<usize>,
     },
 }
@@ -81,7 +81,7 @@ impl<T: Scalar> State<T> {
     /// Adds a parameter, or replaces it.
     ///
     /// # Panics
-    /// Where the number of entries is not that of the shape.
+    /// If the number of entries is not that of the shape.
     pub fn insert(&mut self, name: impl Into<String>, shape: Shape, entries: Vec<T>) {
         let name = name.into();
         assert_eq!(
@@ -93,8 +93,8 @@ impl<T: Scalar> State<T> {
         self.tensors.push(Tensor::new(name, shape, entries));
     }
 
-    /// Adds copies of all parameters and moments whose names begin with `from` and a dot, with the beginning `to`, and
-    /// of the numbers of their steps.
+    /// Adds copies of all parameters and moments whose names begin with `from` and a dot, with `to` in place of `from`,
+    /// and of the numbers of their steps.
     pub fn copy(&mut self, from: &str, to: &str) {
         let rest = |name: &str| Some(name.strip_prefix(from)?.strip_prefix('.')?.to_owned());
         let copies: Vec<_> = self
@@ -130,30 +130,30 @@ impl<T: Scalar> State<T> {
     /// Entries of a parameter or moment.
     ///
     /// # Panics
-    /// Where there is none of that name.
+    /// If there is none with that name.
     #[must_use]
     pub fn entries(&self, name: &str) -> &[T] {
         let found = self.tensor(name);
         found.unwrap_or_else(|| panic!("no parameter `{name}`")).1
     }
 
-    /// Entries of a parameter or moment, which are about to change.
+    /// Entries of a parameter or moment, for modification.
     ///
     /// # Panics
-    /// Where there is none of that name.
+    /// If there is none with that name.
     pub fn entries_mut(&mut self, name: &str) -> &mut [T] {
         let found = self.tensors.iter_mut().find(|tensor| tensor.name == name);
         let tensor = found.unwrap_or_else(|| panic!("no parameter `{name}`"));
         tensor.changed()
     }
 
-    /// Replaces the entries of a parameter or moment that is there.
+    /// Replaces the entries of an existing parameter or moment.
     ///
     /// # Errors
-    /// [`StateError`] where the name or the shape does not fit.
+    /// [`StateError`] if the name or the shape does not fit.
     ///
     /// # Panics
-    /// Where the number of entries is not that of the shape.
+    /// If the number of entries is not that of the shape.
     pub fn replace(&mut self, name: &str, shape: &[usize], entries: Vec<T>) -> Result<(), StateError> {
         let Some((expected, _)) = self.tensor(name) else {
             return Err(StateError::Missing { name: name.into() });
@@ -186,7 +186,7 @@ impl<T: Scalar> State<T> {
         &self.counts
     }
 
-    /// Takes all optimisers out: their moments and their numbers of steps.
+    /// Removes all optimisers: their moments and their numbers of steps.
     pub fn forget_optimisers(&mut self) {
         let moments: BTreeSet<String> = self
             .counts
@@ -241,7 +241,7 @@ impl<T: Scalar> State<T> {
         Arc::clone(member)
     }
 
-    /// Place of a parameter, or of a moment, which is added as zeros.
+    /// Place of a parameter, or of a moment, which is added as zeros if it is missing.
     pub(crate) fn place(&mut self, name: &str, shape: Shape, is_moment: bool) -> usize {
         let found = self.tensors.iter().position(|tensor| tensor.name == name);
         let place = found.unwrap_or_else(|| {

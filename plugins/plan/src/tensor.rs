@@ -1,4 +1,4 @@
-//! Entries of a parameter or a moment, which lie here, with a member of an executor, or in both places.
+//! Entries of a parameter or a moment, which are stored here, with a member of an executor, or in both places.
 
 use crate::executor::{Member, or_panic};
 use crate::graph::Shape;
@@ -35,7 +35,7 @@ impl<T: Scalar> Tensor<T> {
         }
     }
 
-    /// Entries, which are fetched where they are not here.
+    /// Entries, which are fetched if they are not here.
     pub(crate) fn entries(&self) -> &[T] {
         self.here.get_or_init(|| {
             // Without a member the entries are here.
@@ -45,7 +45,7 @@ impl<T: Scalar> Tensor<T> {
         })
     }
 
-    /// Entries to be changed here, under a new version.
+    /// Entries for a modification here, under a new version.
     pub(crate) fn changed(&mut self) -> &mut Vec<T> {
         self.version = next_version();
         self.buffer()
@@ -55,7 +55,7 @@ impl<T: Scalar> Tensor<T> {
     pub(crate) fn buffer(&mut self) -> &mut Vec<T> {
         let _ = self.entries();
         self.away = None;
-        // It was filled by the line above.
+        // The line above filled it.
         self.here
             .get_mut()
             .unwrap_or_else(|| unreachable!("entries of `{}`", self.name))
@@ -78,7 +78,7 @@ impl<T: Scalar> Tensor<T> {
     }
 }
 
-/// A copy lies here, and is no part of the member.
+/// A copy is stored here, and does not belong to the member.
 impl<T: Scalar> Clone for Tensor<T> {
     fn clone(&self) -> Self {
         Self {

@@ -75,12 +75,12 @@ impl Update {
 }
 
 impl Graph {
-    /// One step of Adam, as `arithmetic::steps` has it. The moments belong to the parameter and are named
-    /// after it, `NAME.first` and `NAME.second`; the state counts its steps. Several steps of one parameter share them.
+    /// One step of Adam, as defined in `arithmetic::steps`. The moments belong to the parameter and are named after it,
+    /// `NAME.first` and `NAME.second`; the state counts its steps. Several steps of one parameter share them.
     ///
     /// # Panics
-    /// Where `parameter` is no parameter, or the gradient has another shape or is the parameter itself, or where
-    /// another value has the name of a moment.
+    /// If `parameter` is no parameter, the gradient has another shape or is the parameter itself, or another value has
+    /// the name of a moment.
     pub fn adam(&mut self, parameter: Value, gradient: Value, settings: Optimiser) {
         let name = self.check_update("Adam", parameter, gradient);
         let shape = self.shape(parameter);
@@ -101,7 +101,7 @@ impl Graph {
     /// Moves a parameter: `target <- target + tau (source - target)`.
     ///
     /// # Panics
-    /// Where `target` is no parameter, or the source has another shape or is the target itself.
+    /// If `target` is no parameter, or the source has another shape or is the target itself.
     pub fn follow(&mut self, target: Value, source: Value, tau: f64) {
         self.check_update("Follow", target, source);
         self.update(Update::Follow { target, source, tau });
@@ -110,7 +110,7 @@ impl Graph {
     /// Copies a value to a parameter.
     ///
     /// # Panics
-    /// Where `target` is no parameter, or the source has another shape or is the target itself.
+    /// If `target` is no parameter, or the source has another shape or is the target itself.
     pub fn assign(&mut self, target: Value, source: Value) {
         self.check_update("Assign", target, source);
         self.update(Update::Assign { target, source });
@@ -127,7 +127,7 @@ impl Graph {
             .collect()
     }
 
-    /// Name of the parameter that an update changes.
+    /// Checks an update and returns the name of the parameter that it changes.
     fn check_update(&self, update: &str, target: Value, source: Value) -> String {
         let node = &self.nodes[target.0];
         assert!(

@@ -1,15 +1,14 @@
 //! Protocol `attribution`: the influence of each observed quantity on a policy's actions; nothing is learned.
 //!
-//! The policy acts over whole episodes. Then the values of one observed quantity are exchanged among all its
-//! decisions, the other quantities stay, and the policy acts again: the *influence* is the mean distance that
-//! actions move. Where every quantity is exchanged at once (`whole_influence`), the policy gets another
-//! decision's observation; that is the scale on which the others are read. An exchange tears apart quantities
-//! that move together in the environment, so an influence says which quantity the policy reads and not how
-//! useful the quantity is.
+//! The policy acts over whole episodes. Then the values of one observed quantity are exchanged among all its decisions
+//! while the other quantities stay, and the policy acts again: the *influence* is the mean distance that actions move.
+//! If every quantity is exchanged at once (`whole_influence`), the policy gets another decision's observation, which
+//! gives the scale for the others. An exchange separates quantities that move together in the environment, so an
+//! influence shows which quantity the policy reads but not how useful the quantity is.
 //!
-//! An explanation that is the same for an untrained policy explains nothing. So the same agent without training
-//! stands beside the trained one, with the same episodes and the same exchanges; the table kind `metrics` ranks
-//! the two against each other.
+//! An explanation that is the same for an untrained policy explains nothing. Therefore the same agent without training
+//! is shown beside the trained one, with the same episodes and the same exchanges; the table kind `metrics` ranks the
+//! two against each other.
 
 use contract::{
     Config, Error, Interface, Metric, Mode, Observation, Phase, Protocol, Registry, Rng, Space, choice,
@@ -21,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 /// Beginning of the names of influences; the name of the observed quantity follows.
 const INFLUENCE: &str = "influence_";
-/// The influence of all quantities together. It is not ranked among the others and so begins differently.
+/// The influence of all quantities together. It is not ranked among the others and therefore has another beginning.
 const OF_ALL: &str = "whole_influence";
 /// Rows in one call of the agent.
 const ROWS: usize = 256;
@@ -33,7 +32,7 @@ pub struct Attribution {
     /// Episodes whose decisions are explained.
     #[schemars(range(min = 1, max = 100_000))]
     pub episodes: u64,
-    /// Most decisions that are explained, evenly spread over those of the episodes.
+    /// Largest number of decisions that are explained, spread evenly over those of the episodes.
     #[schemars(range(min = 2, max = 1_000_000))]
     pub decisions: usize,
 }
@@ -104,7 +103,7 @@ impl Protocol for Attribution {
                 "the agent remembers what it saw before, so that one decision cannot be explained by itself",
             ));
         }
-        // An explanation takes seconds; it can be stopped at the end only.
+        // An explanation takes seconds, so it can be stopped only at its end.
         if run.resume::<()>()?.is_some() {
             return Ok(());
         }
@@ -177,11 +176,11 @@ impl<'a> ExplainedDecisions<'a> {
         })
     }
 
-    /// Records the influence of some entries of a seat's observation on what that seat does.
+    /// Records the influence of some entries of a seat's observation on the actions of that seat.
     fn record(&self, run: &mut Run<'_>, seat: usize, entries: &[usize], metric: &str) -> Result<(), Error> {
         let mut order: Vec<usize> = (0..self.seen.len()).collect();
-        // The exchange belongs to the environment and is one for all entries: every agent gets the same
-        // exchange, and the influence of all quantities is compared over the same decisions.
+        // The exchange belongs to the environment and is the same for all entries: every agent gets the same exchange,
+        // and the influence of all quantities is compared over the same decisions.
         let mut rng: Rng = run.streams.environment(&format!("exchange {seat}"), 0);
         order.shuffle(&mut rng);
         let mut exchanged = self.seen.clone();
@@ -214,9 +213,8 @@ fn act(run: &mut Run<'_>, seen: &[Observation]) -> Result<Vec<Vec<Vec<f64>>>, Er
     Ok(all)
 }
 
-/// Distance of two actions, from 0 to 1: the share of a simplex that is moved, the mean over the entries of a
-/// box in parts of their ranges (of four typical deviations where there is no range), the fraction of choices
-/// that differ.
+/// Distance of two actions, from 0 to 1: the share of a simplex that is moved, the mean over the entries of a box in
+/// parts of their ranges (of four typical deviations if there is no range), or the fraction of choices that differ.
 fn distance(space: &Space, one: &[f64], other: &[f64]) -> Result<f64, Error> {
     let gaps = one.iter().zip(other).map(|(a, b)| (a - b).abs());
     #[allow(clippy::cast_precision_loss, reason = "an action has few entries")]

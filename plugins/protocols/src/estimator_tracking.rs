@@ -102,7 +102,7 @@ struct Sampling {
 #[derive(Debug, Serialize, Deserialize)]
 struct SavedSampling {
     batch: u64,
-    /// `None` before the first batch: the environment is then as it was built.
+    /// `None` before the first batch, when the environment is as it was built.
     environment: Option<Value>,
     environment_rng: Rng,
     act_rng: Rng,
@@ -161,8 +161,8 @@ impl Sampling {
             act_rng,
             ..
         } = self;
-        // One environment is stepped once from as many starts as there are samples: starts must not depend on
-        // each other.
+        // One environment is stepped once from as many starts as there are samples, so starts must not depend on each
+        // other.
         let seats = environment.reset(environment_rng)?;
         let start = observe(&*run.agent, &**environment, seats);
         let observations: Vec<Observation> = vec![start; usize::try_from(samples).unwrap_or(usize::MAX)];

@@ -42,13 +42,13 @@ pub fn register(registry: &mut Registry) {
     track::register(registry);
 }
 
-/// For serde: a key that is written only where it is true.
+/// For serde: a key that is written only if it is true.
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
 fn is_false(value: &bool) -> bool {
     !value
 }
 
-/// For serde: a key that is written only where it is false.
+/// For serde: a key that is written only if it is false.
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
 fn is_true(value: &bool) -> bool {
     *value

@@ -22,8 +22,8 @@ use serde::{Deserialize, Serialize};
 pub struct OfflineFit {
     /// The datasets, which are joined in this order.
     pub datasets: Vec<Artifact<artifact::Dataset>>,
-    /// Batches to learn from. An agent made for datasets takes one update with each batch; one with a replay
-    /// buffer of its own takes batches in as experience and updates at the pace of its settings.
+    /// Batches to learn from. An agent made for datasets makes one update with each batch; one with a replay buffer of
+    /// its own takes batches in as experience and updates at the pace of its settings.
     #[schemars(extend("x-unit" = "batches"))]
     pub steps: u64,
     /// Transitions in a batch.
@@ -37,8 +37,8 @@ pub struct OfflineFit {
     /// Episodes of the final measurement.
     #[schemars(range(min = 1))]
     pub final_episodes: u64,
-    /// Number of final episodes that are recorded step by step, for trajectory figures; above 0, the surface
-    /// of the reward is recorded too where the environment has one.
+    /// Number of final episodes that are recorded step by step, for trajectory figures; above 0, the surface of the
+    /// reward is recorded too if the environment has one.
     pub trace_episodes: u64,
     /// False for an agent that does not learn, which is only measured. No study writes this key.
     #[schemars(skip)]
@@ -213,7 +213,7 @@ impl OfflineFit {
         self.datasets.iter().enumerate().map(read).collect()
     }
 
-    /// Count of measurements before the final one: before the first batch, and after every `evaluate_every`.
+    /// Number of measurements before the final one: before the first batch, and after every `evaluate_every`.
     fn n_measurements(&self) -> u64 {
         if self.steps == 0 {
             0
@@ -224,7 +224,7 @@ impl OfflineFit {
         }
     }
 
-    /// Count of the episodes of all measurements.
+    /// Number of the episodes of all measurements.
     fn episodes_in_all(&self) -> u64 {
         self.n_measurements()
             .saturating_mul(self.episodes)

@@ -1,5 +1,5 @@
-//! Measurements of an agent that trains itself, on the same episodes as for agents that the protocol trains:
-//! during the training, when the program asks for one, or afterwards by the policy that it left.
+//! Measurements of an agent that trains itself, on the same episodes as for agents that the protocol trains: during the
+//! training, when the program asks for one, or afterwards with the policy that it left.
 
 use super::{own_training::own, train_evaluate::TrainEvaluate};
 use contract::{
@@ -71,12 +71,12 @@ impl RequestedMeasurements {
         Ok(means(&part))
     }
 
-    /// Adds the measurements to the record of the training, which is made anew from the training's own values.
+    /// Adds the measurements to the record of the training, which is built again from the training's own values.
     pub(super) fn into_record(self, record: &mut Recorder) {
         record.append(&self.record);
     }
 
-    /// Refuses a training that left its last measurement out.
+    /// Refuses a training that omitted its last measurement.
     pub(super) fn is_whole(&self, measured: Option<Measured>) -> Result<(), Error> {
         if measured != Some(Measured::Calls) || self.has_last {
             return Ok(());

@@ -1,7 +1,7 @@
-//! Training by the agent itself: the protocol waits, takes in its values, and makes the record from them.
+//! Training by the agent itself: the protocol waits, reads its values, and builds the record from them.
 //!
-//! While the training runs, values become rows as they arrive, for live views. The final record is made anew
-//! from all values at the end, in one order, so that it does not depend on the times at which they were read:
+//! While the training runs, values become rows as they arrive, for live views. The final record is built again from all
+//! values at the end, in one order, so that it does not depend on the times at which they were read:
 //!
 //! | phase | rows |
 //! |---|---|
@@ -68,7 +68,7 @@ fn settle(grid: Grid, taken: RequestedMeasurements, run: &mut Run<'_>) -> Result
     Ok(())
 }
 
-/// Takes in values until the training ends, or until the step of a pause, which is returned.
+/// Reads values until the training ends, or until the step of a pause, which is returned.
 fn until_it_ends(
     of: &TrainEvaluate,
     place: &TrainingAllocation,
@@ -109,7 +109,7 @@ fn until_it_ends(
         if has_grown || advance != (Advance::Running { heard: false }) {
             heard = clock::now();
         }
-        // A process that is ended for a limit still leaves its last copy.
+        // A process that is ended because of a limit still leaves its last copy.
         if heard > kept && clock::since(kept) > KEEP_EVERY {
             keep_output(run)?;
             kept = clock::now();
@@ -137,8 +137,7 @@ fn hold_patience(run: &mut Run<'_>, heard: Instant) -> Result<(), Error> {
     }
 }
 
-/// Stops the training and keeps the values up to a step. Later work lies in its files, and counts once it
-/// continues.
+/// Stops the training and keeps the values up to a step. Later work is in its files, and counts once it continues.
 fn pause(grid: Grid, until: u64, run: &mut Run<'_>) -> Result<(), Error> {
     own(run)?.stop();
     let record = settled(grid, own(run)?.curves(false)?, Some(until));
@@ -205,7 +204,7 @@ fn last_step(curve: &Curve) -> Option<u64> {
     curve.values.iter().map(|(step, _)| *step).max()
 }
 
-/// The metric by which the progress of a training is known: the return, or else the first one.
+/// The metric that shows the progress of a training: the return, or else the first one.
 fn lead(curves: &[Curve]) -> Option<&Curve> {
     let named = curves.iter().find(|it| it.metric.name == "return");
     named.or(curves.first())
@@ -233,7 +232,7 @@ fn settled(grid: Grid, curves: &[Curve], until: Option<u64>) -> Recorder {
     record
 }
 
-/// Values, each with the count of earlier values at the same step.
+/// Values, each with the number of earlier values at the same step.
 fn numbered(values: &[(u64, f64)]) -> impl Iterator<Item = (u64, u64, f64)> {
     let mut before = None;
     values.iter().map(move |(step, value)| {
@@ -263,7 +262,7 @@ fn end(steps: u64, curves: &[Curve], asked: Option<u64>, record: &mut Recorder) 
 /// Rows of a running training: values as they arrive, and measurements once no value can change them.
 struct LiveRecord {
     grid: Grid,
-    /// For each curve, the count of values that became rows, and the step of the next measurement.
+    /// For each curve, the number of values that became rows, and the step of the next measurement.
     taken: Vec<(usize, u64)>,
     /// The last step so far.
     step: u64,

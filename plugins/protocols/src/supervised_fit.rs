@@ -1,7 +1,7 @@
 //! Protocol `supervised_fit`: fit a policy to examples whose target the environment knows.
 //!
-//! An example is the start of an episode: the observation is the input, the full state the target. Every batch
-//! is drawn anew; measurements have examples of their own.
+//! An example is the start of an episode: the observation is the input, the full state the target. Every batch is newly
+//! drawn; measurements have examples of their own.
 
 use contract::{
     Config, End, Environment, Error, Feed, Metric, Phase, Protocol, Registry, Rng,
@@ -150,14 +150,14 @@ impl SupervisedFit {
         Ok(None)
     }
 
-    /// Count of measurements before the final one: before the first batch, and after every `evaluate_every`.
+    /// Number of measurements before the final one: before the first batch, and after every `evaluate_every`.
     fn n_measurements(&self) -> u64 {
         self.steps
             .checked_div(self.evaluate_every)
             .map_or(0, |count| count + 1)
     }
 
-    /// Count of the examples of all measurements.
+    /// Number of the examples of all measurements.
     fn examples_in_all(&self) -> u64 {
         self.n_measurements()
             .saturating_mul(self.examples)
@@ -224,7 +224,7 @@ struct FitState {
 #[derive(Debug, Serialize, Deserialize)]
 struct SavedFit {
     step: u64,
-    /// `None` before the first example: the environment is then as it was built.
+    /// `None` before the first example, when the environment is as it was built.
     environment: Option<Value>,
     examples_rng: Rng,
     learn_rng: Rng,

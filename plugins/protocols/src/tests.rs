@@ -1,4 +1,4 @@
-//! Measurements of trials, on dice: an episode shows the number that it began with, whichever agent acts.
+//! Measurements of trials, on dice: an episode shows the number that it began with, independent of the agent.
 
 use contract::{
     Action, Agent, AgentTraits, Channel, Config, DataFile, End, Environment, Error, Feed, Interface, Metric,

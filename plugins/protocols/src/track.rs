@@ -1,10 +1,9 @@
 //! Protocol `track`: an agent acts over whole episodes one after the other, as an estimator tracks unit after
 //! unit; nothing is learned.
 //!
-//! Episodes are the environment's own in their order, where it has a list of them
-//! ([`reset_to`](contract::Environment::reset_to)), and an agent with memory is restarted with each. They
-//! become the final measurement, one episode each, and the trial leaves the environment's drawings of the last
-//! one.
+//! Episodes are the environment's own, in order, if it has a list of them
+//! ([`reset_to`](contract::Environment::reset_to)), and an agent with memory is restarted with each. They become the
+//! final measurement, one episode each, and the trial leaves the environment's drawings of the last one.
 
 use contract::{
     ArtifactKind, Config, Error, Metric, Protocol, Registry,
@@ -20,7 +19,7 @@ pub struct EpisodeTracking {
     /// Number of episodes.
     #[schemars(range(min = 1, max = 1_000_000))]
     pub episodes: u64,
-    /// Number of them, from the first, that are recorded step by step.
+    /// Number of its first episodes that are recorded step by step.
     pub trace_episodes: u64,
 }
 

@@ -33,11 +33,11 @@ pub struct TrainEvaluate {
     /// Episodes of the final measurement.
     #[schemars(range(min = 1))]
     pub final_episodes: u64,
-    /// Number of final episodes that are recorded step by step, for trajectory figures; above 0, the surface
-    /// of the reward is recorded too where the environment has one.
+    /// Number of final episodes that are recorded step by step, for trajectory figures; above 0, the surface of the
+    /// reward is recorded too if the environment has one.
     pub trace_episodes: u64,
-    /// The trial whose learning continues here, up to `steps`, with the config that the agent has here; it left
-    /// a checkpoint. LearningState begins anew where absent.
+    /// The trial whose learning continues here, up to `steps`, with the config that the agent has here; it left a
+    /// checkpoint. Learning starts from the beginning where absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub go_on_from: Option<Artifact<Checkpoint>>,
     /// Whether learning can continue in another trial. The trial's folder then holds the checkpoint, with
@@ -211,8 +211,8 @@ impl Protocol for TrainEvaluate {
 }
 
 impl TrainEvaluate {
-    /// Everything up to the final measurement; returns the state of learning, where it is to be left for other
-    /// trials, and the position at which the final measurement continues.
+    /// Everything up to the final measurement; returns the state of learning, if it is to be left for other trials, and
+    /// the position at which the final measurement continues.
     fn learn_and_measure(&self, run: &mut Run<'_>) -> Result<(Option<SavedLearning>, Option<Blocks>), Error> {
         let learning = match run.resume()? {
             None if self.steps == 0 => return Ok((None, None)),
@@ -244,7 +244,7 @@ impl TrainEvaluate {
         Ok((kept, None))
     }
 
-    /// The state of learning at its first step, or where another trial left it.
+    /// The state of learning at its first step, or the one that another trial left.
     fn begin(&self, run: &mut Run<'_>) -> Result<LearningState, Error> {
         let Some(product) = &self.go_on_from else {
             let learning = LearningState::start(run, self.environments)?;
@@ -283,7 +283,7 @@ impl TrainEvaluate {
         self.evaluate_every.max(self.environments)
     }
 
-    /// Count of measurements before the final one, the first of them before the first step.
+    /// Number of measurements before the final one, the first of them before the first step.
     fn n_measurements(&self) -> u64 {
         if self.steps == 0 || self.evaluate_every == 0 {
             0
@@ -292,7 +292,7 @@ impl TrainEvaluate {
         }
     }
 
-    /// Count of the episodes of all measurements.
+    /// Number of the episodes of all measurements.
     fn episodes_in_all(&self) -> u64 {
         self.n_measurements()
             .saturating_mul(self.episodes)
@@ -329,7 +329,7 @@ impl TrainEvaluate {
         Ok(learning)
     }
 
-    /// Measures where the last step passed a multiple of `evaluate_every`, and before the first step.
+    /// Measures if the last step passed a multiple of `evaluate_every`, and before the first step.
     fn measure_when_due(
         &self,
         run: &mut Run<'_>,
@@ -495,7 +495,7 @@ impl LearningSlot {
     }
 }
 
-/// Steps every environment once with the agent's training actions; begins a new episode where one ended.
+/// Steps every environment once with the agent's training actions; begins a new episode if one ended.
 fn act_in_all(
     run: &mut Run<'_>,
     slots: &mut [LearningSlot],

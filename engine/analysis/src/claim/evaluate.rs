@@ -1,6 +1,6 @@
 //! Decides a claim by the seeds.
 //!
-//! | claim                                       | rests on                                             |
+//! | claim                                       | based on                                             |
 //! |---------------------------------------------|------------------------------------------------------|
 //! | metric against number                       | differences from the number, Student-t               |
 //! | two metrics, at least three seeds in common | paired differences over the common seeds, Student-t   |
@@ -8,19 +8,17 @@
 //! | share of successes against number           | exact binomial interval                              |
 //! | two shares of successes                     | exact bounds of both shares, not paired              |
 //!
-//! Where a side has fewer than three seeds and all of them are common, they are paired too, though they
-//! rarely decide.
+//! If a side has fewer than three seeds and all of them are common, they are paired too, although they rarely decide.
 //!
 //! `within N %` of a metric is decided by the same two tests of the left side against both edges, `1 - N / 100`
 //! and `1 + N / 100` times the right side, whose seeds move the edges too.
 //!
-//! Where a study names the difference that matters, a claim of a direction is SUPPORTED where the whole interval is
-//! larger, DIRECTION ONLY where it is on the claimed side and part of it is smaller, and EQUIVALENT where the whole of
-//! it is smaller: neither side is ahead by as much as that.
+//! If a study names the difference that matters, a claim of a direction is SUPPORTED if the whole interval is larger,
+//! DIRECTION ONLY if it is on the claimed side and part of it is smaller, and EQUIVALENT if the whole of it is smaller,
+//! so that neither side is ahead by that much.
 //!
-//! A direction is decided by the 95 % interval of the difference, `within` by the two one-sided tests of a
-//! published value (90 % interval, as in [`verdict`]); where looks are planned, by the repeated interval of
-//! the look.
+//! A direction is decided by the 95 % interval of the difference, and `within` by the two one-sided tests of a
+//! published value (90 % interval, as in [`verdict`]). With planned looks, the repeated interval of the look decides.
 
 use super::{Claim, Operand, Quantity, Relation};
 use contract::standard_metrics::SUCCESS;
@@ -52,7 +50,7 @@ pub enum ClaimOutcome {
     DirectionOnly,
     /// The interval is on both sides, or there are too few seeds.
     Inconclusive,
-    /// It would be supported, and it rests on a published value that was used to choose a setting.
+    /// It would be supported, but depends on a published value that was used to choose a setting.
     Calibrated,
     /// The budget is too small for any result.
     NotJudged,
@@ -118,7 +116,7 @@ impl ClaimOutcome {
         matches!(self, ClaimOutcome::DirectionOnly | ClaimOutcome::Inconclusive)
     }
 
-    /// The same after a training that was too short to speak against the source.
+    /// The same outcome after a training that was too short to contradict the source.
     #[must_use]
     pub fn at_budget(self, training: Option<TrainingShare>) -> Self {
         let is_too_small = training.is_some_and(TrainingShare::is_too_small);
@@ -148,34 +146,34 @@ impl fmt::Display for ClaimOutcome {
     }
 }
 
-/// The outcome of a claim, with the numbers that it rests on.
+/// The outcome of a claim, with the numbers on which it is based.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClaimVerdict {
     /// Outcome by the claim's own level.
     pub verdict: ClaimOutcome,
-    /// The outcome when all claims of the study are taken together (Holm); `None` until they are.
+    /// The outcome when all claims of the study are judged together (Holm); `None` until they are.
     pub adjusted: Option<ClaimOutcome>,
-    /// The strictest share of its level at which it is decided alike; `None` where it is open, and before that share is
-    /// sought.
+    /// The strictest share of its level at which the decision is the same; `None` if the claim is open, or before that
+    /// share is computed.
     pub strictest: Option<f64>,
-    /// Seeds that it rests on: pairs, or seeds of the smaller sample.
+    /// Number of seeds behind it: pairs, or seeds of the smaller sample.
     pub n: usize,
     /// Whether both sides are compared seed by seed.
     pub paired: bool,
-    /// Mean of left minus right, factors included; `None` where nothing has run or a value is not finite.
+    /// Mean of left minus right, factors included; `None` if nothing has run or a value is not finite.
     pub difference: Option<f64>,
     /// Interval of the difference at the level that decides; `None` below two seeds.
     pub interval: Option<Interval>,
     /// Permutation test of a difference of 0, for claims of a direction with a side that depends on the seed.
     pub permutation: Option<PermutationTest>,
-    /// About how many more seeds would decide with a power of 80 %, if they were not added because of the results;
-    /// `None` where it is decided, a look is left, or the number would be unaffordable.
+    /// Approximate number of further seeds that would decide with a power of 80 %, if they were not added because of
+    /// the results; `None` if the claim is decided, a look is left, or the number would be unaffordable.
     pub more_seeds: Option<u32>,
-    /// Stage in the design; `None` where the number of seeds is fixed.
+    /// Stage in the design; `None` if the number of seeds is fixed.
     pub stage: Option<Stage>,
     /// Remarks for the reader: too few seeds, seeds that do not match.
     pub notes: Vec<String>,
-    /// The decided statement; `None` where nothing could be decided.
+    /// The decided statement; `None` if nothing could be decided.
     pub statement: Option<Statement>,
 }
 
@@ -199,7 +197,7 @@ impl ClaimVerdict {
         }
     }
 
-    /// How many seeds it rests on, as in `n = 5 pairs`.
+    /// Number of seeds behind it, as in `n = 5 pairs`.
     #[must_use]
     pub fn size(&self) -> String {
         format!("n = {} {}", self.n, if self.paired { "pairs" } else { "seeds" })
@@ -207,7 +205,7 @@ impl ClaimVerdict {
 }
 
 /// Decides `claim` by the values that `values` gives for each of its operands: one value per seed, computed from the
-/// seeds below a number; `None` where there is none. `imported` marks the operands that are runs of others, to which no
+/// seeds below a number; `None` if there is none. `imported` marks the operands that are imported runs, to which no
 /// seed can be added. Differences between the two sides of a direction that are smaller than `min_effect` do not
 /// matter.
 ///
@@ -253,12 +251,12 @@ struct NumberKind {
     is_share: bool,
     /// Whether they are whole numbers before the factor, as counts are.
     is_whole: bool,
-    /// Whether they are runs of others.
+    /// Whether they are imported runs.
     is_imported: bool,
 }
 
 impl Side {
-    /// `None` where the metric is not known.
+    /// `None` if the metric is not known.
     fn of(
         quantity: &Quantity,
         values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
@@ -340,7 +338,7 @@ fn values_of(seeds: &BTreeMap<u64, f64>) -> Vec<f64> {
     seeds.values().copied().collect()
 }
 
-/// How the seeds of both sides are set against each other.
+/// Form in which the seeds of both sides are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ComparisonDesign {
     /// One agent against a number.
@@ -396,7 +394,7 @@ impl SideDifference {
         compared
     }
 
-    /// The same for a relation; one in percent of seeds is compared with both edges, which these seeds move.
+    /// The difference for a relation. One in percent of seeds is compared with both edges, which these seeds move.
     fn under(relation: Relation, left: &Side, right: &Side) -> Self {
         let compared = Self::of(left, right);
         let (Relation::WithinPercent(percent), Side::BySeed { .. }) = (relation, right) else {
@@ -431,7 +429,7 @@ impl SideDifference {
         Self::unpaired(evidence, Some(two_sample_permutation_test(&left, &right)))
     }
 
-    /// Where one of both sides is imported no seed adds a difference.
+    /// If one of the two sides is imported, no seed adds a difference.
     fn differences(differences: &[f64], design: ComparisonDesign, imported: [bool; 2]) -> Self {
         let others = imported.contains(&true);
         let evidence = Evidence::Mean(MeanEstimate::of(differences).of_others(&[others]));
@@ -467,7 +465,7 @@ impl SideDifference {
         self.sign * self.evidence.value() + self.offset
     }
 
-    /// An interval of the evidence as one of the difference.
+    /// An interval of the evidence, converted to one of the difference.
     fn interval(&self, Interval { low, high, level }: Interval) -> Interval {
         let [low, high] = if self.sign > 0.0 {
             [low, high]
@@ -481,7 +479,7 @@ impl SideDifference {
         }
     }
 
-    /// A region of the difference as one of the evidence.
+    /// A region of the difference, converted to one of the evidence.
     fn region(&self, Region { low, high, closed }: Region) -> Region {
         let [low, high] = [low - self.offset, high - self.offset];
         if self.sign > 0.0 {

@@ -13,7 +13,7 @@ pub struct ClaimForm {
     pub example: &'static str,
 }
 
-/// Relations that are one symbol; the longer ones first, since a shorter one may begin them.
+/// Relations that are one symbol; longer ones come first, since a shorter one may be their beginning.
 pub const SYMBOLS: [(&str, Relation); 5] = [
     (">=", Relation::GreaterOrEqual),
     ("<=", Relation::LessOrEqual),
@@ -22,7 +22,7 @@ pub const SYMBOLS: [(&str, Relation); 5] = [
     ("~", Relation::WithinPercent(5.0)),
 ];
 
-/// The grammar, as it is printed.
+/// The grammar as printed.
 pub const GRAMMAR: &str = "\
 claim     = quantity relation quantity [ \"in\" ENVIRONMENT ]
           | quantity \"in\" ENVIRONMENT relation quantity \"in\" ENVIRONMENT

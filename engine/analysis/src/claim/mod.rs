@@ -12,12 +12,12 @@
 //!
 //! `dsac.cycle_length >= 1.15 * equal.cycle_length in four_cells` compares the final measurements; `~` is `within 5 %
 //! of`; `auc` is the mean of the learning curve, `max` and `min` its largest and smallest point; `given_success` is the
-//! final measurement of the seeds with success alone, where the study defines success. `AGENT.success` is their share.
+//! final measurement of only the seeds with success, if the study defines success. `AGENT.success` is their share.
 //! Names are made of letters, digits, `_` and `-`; a name does not start with `-`. `pursuit.prey.tdom_ac.score` is the
-//! mean score of the play `pursuit` over all trained opponents where `tdom_ac` plays the prey.
-//! `dsac[discount=0.9].return` is that of the trials with this value of a swept key (a value with quotes or brackets is
-//! JSON: `dsac[kind="a, b"].return`); an agent with several settings that are not told apart is compared setting by
-//! setting. `dsac.return in worn > 0.9 * dsac.return in new` compares two environments, seed by seed.
+//! mean score of the play `pursuit` over all trained opponents with `tdom_ac` as the prey. `dsac[discount=0.9].return`
+//! is that of the trials with this value of a swept key (a value with quotes or brackets is JSON: `dsac[kind="a,
+//! b"].return`); an agent with several settings that the claim does not distinguish is compared setting by setting.
+//! `dsac.return in worn > 0.9 * dsac.return in new` compares two environments, seed by seed.
 
 mod evaluate;
 pub mod forms;
@@ -35,17 +35,18 @@ use serde::{Deserialize, Serialize};
 use statistics::estimators::mean;
 use std::fmt;
 
-/// Why a claim cannot be read.
+/// Reason why a claim cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{message} (at byte {position})")]
 pub struct ClaimError {
-    /// Where in the text, in bytes from its start; always on a character's edge, at most the text's length.
+    /// Position in the text, in bytes from its start; always at the boundary of a character, and at most the text's
+    /// length.
     pub position: usize,
     /// The mistake, and what to write instead.
     pub message: String,
 }
 
-/// How the measurements of one trial become one number.
+/// Reduction of the measurements of one trial to one number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Aggregate {
@@ -101,8 +102,8 @@ impl Aggregate {
         }
     }
 
-    /// The number of one trial: from its final measurement, or from its learning curve; `None` where
-    /// there is no row of the metric.
+    /// The number of one trial, from its final measurement or from its learning curve; `None` if there is no row of the
+    /// metric.
     #[must_use]
     pub fn of_trial(self, trial: &TrialResult, metric: &str) -> Option<f64> {
         let points: Vec<f64> = trial
@@ -126,13 +127,13 @@ impl Aggregate {
 /// One agent's metric, one number per seed.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Operand {
-    /// How a trial's measurements become one number.
+    /// Reduction of a trial's measurements to one number.
     pub aggregate: Aggregate,
-    /// The role of a play in which the agent was measured; `None` where it was measured in its own trial.
+    /// The role of a play in which the agent was measured; `None` if it was measured in its own trial.
     pub within: Option<Within>,
     /// The agent's name in the study.
     pub agent: String,
-    /// Values of swept keys that its trials have, as words or JSON; none where any will do.
+    /// Values of swept keys that its trials have, as words or JSON; empty if any will do.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub setting: Vec<(String, String)>,
     /// Name of the metric.
@@ -152,7 +153,7 @@ pub struct Within {
 }
 
 impl Operand {
-    /// The names with dots between, as written.
+    /// The names joined with dots, as written.
     #[must_use]
     pub fn path(&self) -> String {
         let within = self
@@ -172,7 +173,7 @@ impl Operand {
         format!("{within}{}{setting}.{}", self.agent, self.metric)
     }
 
-    /// Whether a trial stands at the operand's values of swept keys.
+    /// Whether a trial has the operand's values of swept keys.
     #[must_use]
     pub fn is_at(&self, point: &SweepPoint) -> bool {
         let is_there = |(key, value): &(String, String)| point.get(key).map(word) == Some(as_word(value));
@@ -197,7 +198,7 @@ pub enum Quantity {
     Number(f64),
     /// A factor times an agent's metric.
     Measured {
-        /// The factor; 1 where none is written.
+        /// The factor; 1 if none is written.
         factor: f64,
         /// The agent's metric.
         operand: Operand,
@@ -282,12 +283,12 @@ pub struct Claim {
     pub relation: Relation,
     /// Right side.
     pub right: Quantity,
-    /// The only environment it speaks of; all of the study, one by one, where absent.
+    /// The only environment that it is about; all of the study, one by one, if absent.
     pub environment: Option<String>,
 }
 
 impl Claim {
-    /// The environments of its two sides, where they differ.
+    /// The environments of its two sides, if they differ.
     #[must_use]
     pub fn environments_of_sides(&self) -> Option<[&str; 2]> {
         let [left, right] = [&self.left, &self.right].map(|side| side.operand()?.environment.as_deref());

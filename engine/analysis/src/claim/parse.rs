@@ -1,4 +1,4 @@
-//! Reads a claim from its text, by recursive descent over the grammar of the parent module.
+//! Reads a claim from its text by recursive descent over the grammar of the parent module.
 
 use super::{Aggregate, Claim, ClaimError, Operand, Quantity, Relation, Within, forms::SYMBOLS};
 use contract::sweep_point::as_word;
@@ -7,7 +7,7 @@ use serde_json::Value;
 /// Reads one claim.
 ///
 /// # Errors
-/// [`ClaimError`] with the byte position of the first thing that does not fit and what to write instead.
+/// [`ClaimError`] with the byte position of the first text that does not fit and the text to write instead.
 pub fn parse(text: &str) -> Result<Claim, ClaimError> {
     let mut reader = ClaimParser { text, position: 0 };
     let mut left = reader.quantity()?;
@@ -208,7 +208,7 @@ impl<'a> ClaimParser<'a> {
         })
     }
 
-    /// Reads `[KEY=VALUE, ...]` behind an agent's name, without a space before it; nothing where there is none.
+    /// Reads `[KEY=VALUE, ...]` behind an agent's name, without a space before it; empty if there is none.
     fn setting(&mut self) -> Result<Vec<(String, String)>, ClaimError> {
         let mut setting = Vec::new();
         if !self.text[self.position..].starts_with('[') {
@@ -226,7 +226,7 @@ impl<'a> ClaimParser<'a> {
         }
     }
 
-    /// Reads `KEY=VALUE`. A value with quotes or brackets is JSON, so that it may hold commas and brackets.
+    /// Reads `KEY=VALUE`. A value with quotes or brackets is JSON, so that it may contain commas and brackets.
     fn swept(&mut self) -> Result<(String, String), ClaimError> {
         let rest = self.rest();
         let start = self.position;
@@ -320,7 +320,7 @@ impl<'a> ClaimParser<'a> {
         }
     }
 
-    /// Reads the environment at the claim's end, and that this is its end.
+    /// Reads the environment at the claim's end, and checks that the claim ends there.
     fn environment(&mut self) -> Result<Option<String>, ClaimError> {
         let environment = self.named_environment()?;
         let rest = self.rest();
@@ -360,7 +360,7 @@ impl<'a> ClaimParser<'a> {
     }
 }
 
-/// Length of the longest text at the start of the form `-1.5e-3`; 0 where there is none.
+/// Length of the longest text at the start of the form `-1.5e-3`; 0 if there is none.
 fn number_length(text: &str) -> usize {
     let digits = |from: usize| text[from..].bytes().take_while(u8::is_ascii_digit).count();
     let mut length = usize::from(text.starts_with('-'));
@@ -377,7 +377,7 @@ fn number_length(text: &str) -> usize {
     length
 }
 
-/// The name that `text` starts with. A name does not start with `-`.
+/// The name at the start of `text`. A name does not start with `-`.
 fn name_at(text: &str) -> Option<&str> {
     let length = text
         .find(|character| !is_name_character(character))
@@ -444,7 +444,7 @@ mod tests {
         assert!(operand.is_at(&swept("b, [c]", 16)));
         assert!(!operand.is_at(&swept("b, c", 16)) && !operand.is_at(&swept("b, [c]", 8)));
         assert_eq!(claim.to_string(), text);
-        // A word is the same value with quotes and without.
+        // A word has the same value with and without quotes.
         let plain = parse(r#"a[kind="b"].return > a[kind=b].return"#).unwrap();
         let point = SweepPoint::from_iter([("kind", json!("b"))]);
         assert!(plain.operands().iter().all(|operand| operand.is_at(&point)));
@@ -569,7 +569,7 @@ mod tests {
         ]);
     }
 
-    /// The position is marked by `|`, which is taken out before reading.
+    /// The position is marked by `|`, which is removed before reading.
     #[test]
     fn errors_point_at_the_place() {
         let cases = [

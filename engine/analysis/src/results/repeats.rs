@@ -14,7 +14,7 @@ pub struct RepeatCheck {
     pub agent: String,
     /// Seed of the trial.
     pub seed: u64,
-    /// How the values of both compare.
+    /// Comparison of the values of both.
     pub repeats: Repeats,
 }
 
@@ -23,7 +23,7 @@ pub struct RepeatCheck {
 pub enum Programs {
     /// All.
     All,
-    /// Those that do not repeat to the bit.
+    /// Programs that do not repeat bit by bit.
     OnlyLacking,
 }
 

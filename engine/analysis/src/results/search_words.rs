@@ -1,4 +1,4 @@
-//! Results of searches for settings, in words.
+//! Results of searches for settings, as text.
 
 use crate::{
     results::{SearchResult, Sight, TriedSetting},
@@ -7,10 +7,10 @@ use crate::{
 use document::count::{count, either};
 use std::collections::BTreeSet;
 
-/// Number of settings without a value that are named; of more there is a number.
+/// Largest number of settings without a value that are named; further ones are only counted.
 const MOST_NAMED: usize = 4;
 
-/// How many settings were tried, which one is the best, by which metric, and which have no value.
+/// The number of tried settings, the best one, the metric, and the settings without a value.
 #[must_use]
 pub fn search_in_words(it: &SearchResult) -> String {
     let search = &it.search;
@@ -41,9 +41,9 @@ pub fn search_in_words(it: &SearchResult) -> String {
     )
 }
 
-/// Progress of the search, in words.
+/// Progress of the search, as text.
 fn state(it: &SearchResult) -> String {
-    // Results of a setting beyond its pause count no more than absent ones.
+    // Results of a setting beyond its pause do not count.
     let early = it.tried.iter().filter(|tried| tried.stop.is_some()).count();
     let early = if early > 0 {
         format!(", of which {early} were looked at up to a pause alone")
@@ -61,7 +61,7 @@ fn state(it: &SearchResult) -> String {
     }
 }
 
-/// How many settings were tried, and how many of them are different.
+/// The number of tried settings, and of the different ones among them.
 fn different_of(it: &SearchResult) -> String {
     let n = it.tried.len();
     let different: BTreeSet<&str> = it.tried.iter().map(|tried| tried.setting.as_str()).collect();
@@ -72,7 +72,7 @@ fn different_of(it: &SearchResult) -> String {
     }
 }
 
-/// Progress of a population, in words.
+/// Progress of a population, as text.
 fn population_in_words(it: &SearchResult) -> String {
     let (members, generations) = (it.search.settings, it.search.generation_ends().len() + 1);
     let members = count(members, "member");
@@ -86,7 +86,7 @@ fn population_in_words(it: &SearchResult) -> String {
     }
 }
 
-/// The settings that rank last because trials of them did not end well; empty where none does.
+/// The settings that rank last because some of their trials ended unsuccessfully; empty if there are none.
 fn last_in_words(it: &SearchResult) -> String {
     let last = it.seen_so(Sight::Last);
     if last.is_empty() {
@@ -96,7 +96,7 @@ fn last_in_words(it: &SearchResult) -> String {
     format!("; {settings} {are} last without a value: {}", named(&last))
 }
 
-/// The settings that the search waits for because trials of them failed; empty where it waits for none.
+/// The settings for which the search waits because some of their trials failed; empty if it waits for none.
 fn failed_in_words(it: &SearchResult) -> String {
     let failed = it.seen_so(Sight::Failed);
     if failed.is_empty() {
@@ -109,7 +109,7 @@ fn failed_in_words(it: &SearchResult) -> String {
     )
 }
 
-/// Settings, each with how its trials ended.
+/// Settings, each with the states in which its trials ended.
 fn named(settings: &[&TriedSetting]) -> String {
     let one = |tried: &&TriedSetting| {
         let states: Vec<&str> = tried.failures.iter().map(|state| state.name()).collect();
@@ -122,7 +122,8 @@ fn named(settings: &[&TriedSetting]) -> String {
     words.join(", ")
 }
 
-/// Sentence of a report on a search: as [`search_in_words`], and the seeds on which the chosen setting is measured.
+/// Sentence of a report on a search: that of [`search_in_words`], and the seeds on which the chosen setting is
+/// measured.
 #[must_use]
 pub fn sentence(it: &SearchResult) -> String {
     let words = search_in_words(it);

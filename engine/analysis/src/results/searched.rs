@@ -19,7 +19,7 @@ pub struct SearchResult {
     pub search: Search,
     /// The settings that were tried, in order.
     pub tried: Vec<TriedSetting>,
-    /// The place of the chosen one; `None` as long as the search goes on, or where every setting failed.
+    /// The place of the chosen setting; `None` as long as the search goes on, or if every setting failed.
     pub chosen: Option<usize>,
 }
 
@@ -31,34 +31,34 @@ pub struct TriedSetting {
     pub setting: String,
     /// The setting as values, one for each key.
     pub point: Point,
-    /// The step at which its trials pause or, in a population, end; `None` where they go to the end of the protocol.
+    /// The step at which its trials pause or, in a population, end; `None` if they run to the end of the protocol.
     pub stop: Option<u64>,
-    /// The place of the setting whose learning it goes on with.
+    /// The place of the setting whose learning it continues.
     pub parent: Option<usize>,
     /// The values by seed; failed trials have none.
     pub values: BTreeMap<u64, f64>,
-    /// The values by pause and seed, and `None` for a trial by which the setting ranks last.
+    /// The values by pause and seed; `None` for a trial that makes the setting rank last.
     pub at_pauses: BTreeMap<u64, BTreeMap<u64, Option<f64>>>,
-    /// Trials that ended otherwise than `ok`.
+    /// Number of trials that ended in a state other than `ok`.
     pub failed: usize,
     /// States in which they ended.
     pub failures: BTreeSet<EndState>,
-    /// Trials that failed and say nothing about the setting, for which the search waits.
+    /// Number of failed trials that say nothing about the setting, and for which the search waits.
     pub unseen: usize,
-    /// Trials that have not ended.
+    /// Number of trials that have not ended.
     pub missing: usize,
 }
 
-/// How far a search has seen a setting, up to the step that it asks for.
+/// Result of a setting for its search, up to the step that the search asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sight {
     /// It has its value at this step.
     Valued,
-    /// It ranks last, since a trial of it did not end well.
+    /// It ranks last, since one of its trials ended unsuccessfully.
     Last,
-    /// Trials of it failed, and have to run again.
+    /// Some of its trials failed and have to run again.
     Failed,
-    /// Its trials have not come there.
+    /// Its trials have not reached that step.
     Open,
 }
 
@@ -84,7 +84,7 @@ impl TriedSetting {
             let mut at_pause =
                 |pause: u64, value| tried.at_pauses.entry(pause).or_default().insert(seed, value);
             match stop.filter(|_| search.is_population()) {
-                // A stretch of a schedule ends where it is compared, and its member goes on in other trials.
+                // A stretch of a schedule ends where it is compared, and its member continues in other trials.
                 Some(pause) if is_seen => drop(at_pause(pause, value)),
                 Some(_) => {}
                 None => {
@@ -103,7 +103,7 @@ impl TriedSetting {
         tried
     }
 
-    /// The value that the search compares in the end; `None` where a trial has not ended well.
+    /// The value that the search finally compares; `None` if a trial has not ended successfully.
     #[must_use]
     pub fn value(&self) -> Option<f64> {
         let values: Vec<f64> = self.values.values().copied().collect();
@@ -124,7 +124,7 @@ impl TriedSetting {
         }
     }
 
-    /// How far it was seen by a search with so many seeds.
+    /// Its result for a search with this number of seeds.
     fn sight(&self, n_seeds: usize) -> Sight {
         let known = self.known(n_seeds);
         let value = match self.stop {
@@ -168,7 +168,7 @@ impl SearchResult {
         }
     }
 
-    /// The settings along the way to the chosen member of a population; none for other searches.
+    /// The settings that lead to the chosen member of a population, including its own; none for other searches.
     #[must_use]
     pub fn schedule(&self) -> Vec<String> {
         let Some(chosen) = self.chosen.filter(|_| self.search.is_population()) else {
@@ -181,15 +181,16 @@ impl SearchResult {
             .collect()
     }
 
-    /// The place of the best setting of those that the search tries to their ends, as far as these have ended well.
+    /// The place of the best setting of those that the search tries to their ends, as far as these have ended
+    /// successfully.
     #[must_use]
     pub fn best(&self) -> Option<usize> {
         self.search
             .best(&self.known(), |place| self.tried[place].stop.is_none())
     }
 
-    /// The trials that measure the chosen setting on seeds that the search has not seen: none before it is chosen, and
-    /// where other keys of the agent are swept besides.
+    /// The trials that measure the chosen setting on seeds that the search has not used: none before it is chosen, or
+    /// if other keys of the agent are also swept.
     #[must_use]
     pub fn fresh_trials<'t>(&self, trials: &'t [TrialResult]) -> Vec<&'t TrialResult> {
         let is_own = |it: &&TrialResult| {
@@ -208,7 +209,7 @@ impl SearchResult {
         }
     }
 
-    /// Settings that the search tries to their ends and that were seen there, the best first.
+    /// Settings that the search tries to their ends and that have a result there, the best first.
     #[must_use]
     pub fn ranked(&self) -> Vec<&TriedSetting> {
         let ranking = self.search.ranking(&self.known());
@@ -221,19 +222,19 @@ impl SearchResult {
             .collect()
     }
 
-    /// How far a setting was seen.
+    /// Result of a setting for the search.
     #[must_use]
     pub fn sight(&self, tried: &TriedSetting) -> Sight {
         tried.sight(self.search.seeds.len())
     }
 
-    /// The settings with this sight, in their order.
+    /// The settings with this result, in order.
     #[must_use]
     pub fn seen_so(&self, sight: Sight) -> Vec<&TriedSetting> {
         self.tried.iter().filter(|it| self.sight(it) == sight).collect()
     }
 
-    /// Whether every setting was tried as far as it goes and none can be chosen.
+    /// Whether every setting was tried as far as planned and none can be chosen.
     #[must_use]
     pub fn found_nothing(&self) -> bool {
         self.chosen.is_none() && matches!(self.search.next(&self.known()), Next::Chosen(None, _))
@@ -254,7 +255,7 @@ fn trials_of_settings<'t>(
     own: Vec<&'t TrialResult>,
 ) -> Vec<Vec<&'t TrialResult>> {
     if search.is_population() {
-        // A setting may stand several times, each time going on from another one.
+        // A setting may occur several times, each time continuing from another one.
         let mut of_place = own.chunks(search.seeds.len()).map(<[_]>::to_vec);
         return progress
             .points
@@ -262,7 +263,7 @@ fn trials_of_settings<'t>(
             .map(|_| of_place.next().unwrap_or_default())
             .collect();
     }
-    // Where trials pause, those that are set aside come first in the plan.
+    // If trials pause, those that are set aside come first in the plan.
     let mut by_point: BTreeMap<String, BTreeMap<u64, &TrialResult>> = BTreeMap::new();
     for it in own {
         let point = json!(it.trial.cell.point.values()).to_string();

@@ -1,4 +1,4 @@
-//! The choice of a search is a function of its study and of the bits of its trials: other trials of the store, failures
+//! The choice of a search is a function of its study and of the bits of its trials. Other trials of the store, failures
 //! that were tried again, and the pieces and the order in which trials ran do not change it.
 
 use super::*;
@@ -20,7 +20,7 @@ use rand::Rng as _;
 use serde_json::Value;
 use std::sync::Arc;
 
-/// Steps of a trial, and between two measurements.
+/// Steps of a trial, and steps between two measurements.
 const END: u64 = 400;
 const EVERY: u64 = 100;
 const SEEDS: u64 = 2;
@@ -32,7 +32,7 @@ struct StoredTrial {
     end: Option<EndState>,
 }
 
-/// A store, by the settings on the way to that of a trial and its seed.
+/// A store, by the settings that lead to that of a trial, and by its seed.
 type Store = BTreeMap<(String, u64), StoredTrial>;
 
 /// A world whose trials have random but reproducible results.
@@ -54,7 +54,7 @@ impl World {
         (drawn < 0.15).then_some((drawn * 2000.0) as u64 + 1)
     }
 
-    /// Runs a trial up to a step, or to its end where there is none.
+    /// Runs a trial up to a step, or to its end if there is none.
     fn run(&self, key: &str, seed: u64, until: Option<u64>) -> StoredTrial {
         let to = until.unwrap_or(END);
         match self.diverges_at(key, seed).filter(|step| *step <= to) {
@@ -121,7 +121,7 @@ fn search(method: Method) -> Search {
     }
 }
 
-/// The settings along the way to one, as a word.
+/// The settings that lead to one, joined into a word.
 fn key(search: &Search, progress: &Progress, place: usize) -> String {
     if search.is_population() {
         let way = lineage(&progress.parents, place);
@@ -200,7 +200,7 @@ fn results(world: &World, search: &Search, progress: &Progress, store: &Store) -
     SearchResult::of(search, progress, &trials)
 }
 
-/// Takes a search as far as the stored trials lead.
+/// Advances a search as far as the stored trials allow.
 fn grown(world: &World, search: &Search, store: &Store) -> (Progress, SearchResult) {
     let mut progress = Progress::default();
     loop {
@@ -249,8 +249,8 @@ struct SearchEnd {
     words: String,
 }
 
-/// Runs a search to its end in a store that may hold something already; `dice` let trials fail and run in pieces.
-/// Failed ones are tried again when nothing else is left.
+/// Runs a search to its end in a store that may already hold trials. With `dice`, trials fail and run in pieces. Failed
+/// trials are tried again when nothing else is left.
 fn settled(world: &World, search: &Search, mut store: Store, mut dice: Option<Rng>) -> (SearchEnd, Store) {
     for _ in 0..10_000 {
         let (progress, result) = grown(world, search, &store);
@@ -286,7 +286,7 @@ fn settled(world: &World, search: &Search, mut store: Store, mut dice: Option<Rn
             match luck {
                 luck if luck < 0.3 => {}
                 luck if luck < 0.5 => stored.end = Some(EndState::Timeout),
-                // A value that an earlier run measured stays measured.
+                // A value that an earlier run measured is kept.
                 _ => {
                     let ran = world.run(&key, seed, until);
                     stored.end = ran.end;
@@ -325,7 +325,7 @@ proptest! {
         let (world, search) = (World(seed), search(methods().swap_remove(method)));
         let (expected, whole) = settled(&world, &search, Store::new(), None);
         let mut dice = random::stream(&["halves", &seed.to_string()]);
-        // After an interruption a store holds some of the trials, each as far as it came.
+        // After an interruption a store holds some of the trials, each up to some step.
         let part = |dice: &mut Rng| -> Store {
             let there = whole.iter().filter(|_| dice.random_bool(0.6));
             there.map(|(id, stored)| (id.clone(), *stored)).collect()

@@ -1,5 +1,5 @@
 //! Sentences of a report on all trials together: computed from the trials, or read from the record of an earlier report
-//! where the trials are not at hand.
+//! if the trials are not available.
 
 use super::{RepeatCheck, Results};
 use contract::{trial_end::EndState, trial_result::TrialResult};
@@ -11,25 +11,25 @@ use std::collections::BTreeMap;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Told {
-    /// Budgets of every agent, as they are printed; `None` where the study has no trial or no budget is known.
+    /// Budgets of every agent as printed; `None` if the study has no trial or no budget is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub budgets: Option<Printed>,
     /// Computing time of all trials.
     pub cost: Cost,
-    /// Number of trials by the way in which they ended.
+    /// Number of trials by end state.
     pub ran: Ran,
     /// Programs with a trial that was computed twice.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub repeated: Vec<RepeatCheck>,
 }
 
-/// A table as it is printed, without its looks.
+/// A table as printed, without its looks.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Printed {
     /// Headings, one for each column.
     pub head: Vec<String>,
-    /// How many columns, from the left, hold words.
+    /// Number of columns, from the left, that hold text.
     pub words: usize,
     /// Texts of the cells, row by row.
     pub rows: Vec<Vec<String>>,
@@ -48,7 +48,7 @@ pub struct Cost {
 }
 
 impl Cost {
-    /// Trials that stand in several settings and are the same were computed once, and imported runs by others.
+    /// Equal trials that occur in several settings were computed once; imported runs were computed by other programs.
     pub fn of<'a>(trials: impl Iterator<Item = &'a TrialResult>) -> Self {
         let trials = trials.filter(|trial| !trial.is_imported());
         let ended = trials.filter_map(|trial| Some((trial.trial.id.as_str(), trial.end.as_ref()?.wall_s)));
@@ -59,7 +59,7 @@ impl Cost {
         }
     }
 
-    /// Seconds of one trial in the mean; `None` before the first trial has ended.
+    /// Mean seconds of one trial; `None` before the first trial has ended.
     #[must_use]
     pub fn mean(self) -> Option<f64> {
         #[allow(clippy::cast_precision_loss, reason = "a study has at most a million trials")]
@@ -73,14 +73,14 @@ impl Cost {
         (self.trials > 0).then(|| self.sentence())
     }
 
-    /// Time and number of trials, in words.
+    /// Time and number of trials, as text.
     #[must_use]
     pub fn sentence(self) -> String {
         format!("{} in {}", duration(self.seconds), count(self.trials, "trial"))
     }
 }
 
-/// How the shown trials, and those that others take from, ended.
+/// End states of the shown trials and of those that others take from.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ran {
@@ -99,7 +99,7 @@ fn is_zero(number: &usize) -> bool {
 }
 
 impl Ran {
-    /// As the record says, or as the trials do; imported runs are not counted.
+    /// From the record, or else from the trials; imported runs are not counted.
     #[must_use]
     pub fn of(results: &Results) -> Self {
         if let Some(told) = &results.told {
@@ -119,7 +119,7 @@ impl Ran {
         ran
     }
 
-    /// How many trials ended in each way, in words.
+    /// The number of trials with each end state, as text.
     #[must_use]
     pub fn sentence(&self) -> String {
         let ended = self

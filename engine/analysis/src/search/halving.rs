@@ -1,9 +1,9 @@
 //! Successive halving and Hyperband over pauses of ordinary trials.
 //!
 //! Li, Jamieson, DeSalvo, Rostamizadeh and Talwalkar 2018, "Hyperband", JMLR 18(185). Trials of random settings pause
-//! at the same steps; the best part of those of a bracket goes on. A later bracket has fewer settings and one pause
-//! less, so that settings which learn slowly have their chance. A pause is no shorter trial: a trial that goes on ends
-//! with the bits of one that was never paused, and is the same trial as that of a sweep.
+//! at the same steps, and the best part of those of a bracket continues. A later bracket has fewer settings and one
+//! pause less, so that settings that learn slowly have a chance. A pause does not make a different trial: a trial that
+//! continues ends with the bits of one that was never paused, and is the same trial as that of a sweep.
 //!
 //! | paper | here |
 //! |---|---|
@@ -14,7 +14,7 @@
 use super::{Direction, Halving, Tried, best_at, share_of};
 use std::ops::Range;
 
-/// Where each setting pauses, as far as the values tell; `None` for one that goes to its end.
+/// The step at which each setting pauses, as far as the values decide; `None` for one that runs to its end.
 pub(super) fn stops(options: &Halving, direction: Direction, tried: &[Tried]) -> Vec<Option<u64>> {
     let mut stops = vec![None; tried.len()];
     for (bracket, places) in brackets(options, tried.len()).into_iter().enumerate() {
@@ -32,7 +32,7 @@ pub(super) fn stops(options: &Halving, direction: Direction, tried: &[Tried]) ->
     stops
 }
 
-/// How many of so many settings go to their ends.
+/// Number of settings, out of `n_settings`, that run to their ends.
 pub(super) fn n_ends(options: &Halving, n_settings: usize) -> usize {
     let of_bracket = |(bracket, places): (usize, Range<usize>)| {
         let pauses = options.pauses.len().saturating_sub(bracket);
@@ -47,7 +47,7 @@ pub(super) fn n_ends(options: &Halving, n_settings: usize) -> usize {
         .sum()
 }
 
-/// The settings that go on after a pause; `None` as long as one has not come to it.
+/// The settings that continue after a pause; `None` as long as one has not reached it.
 fn best_part(
     alive: &[usize],
     pause: u64,
@@ -73,7 +73,7 @@ pub(super) fn brackets(options: &Halving, n_settings: usize) -> Vec<Range<usize>
         share += weight / sum;
         ends.push(share_of(n_settings, share).min(n_settings));
     }
-    // Rounding leaves none out.
+    // No setting is left out by rounding.
     if let Some(last) = ends.last_mut() {
         *last = n_settings;
     }
@@ -84,7 +84,8 @@ pub(super) fn brackets(options: &Halving, n_settings: usize) -> Vec<Range<usize>
         .collect()
 }
 
-/// Steps of a setting of a bracket in the mean; its end is taken to be as far beyond the last pause as `keep` says.
+/// Mean number of steps of a setting of a bracket; its end is assumed to be as far beyond the last pause as `keep`
+/// suggests.
 #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
 fn cost(options: &Halving, bracket: usize) -> f64 {
     let last = options.pauses.last().map_or(1.0, |last| *last as f64);
@@ -165,7 +166,7 @@ mod tests {
         let places = brackets(&options(3), 12);
         assert_eq!(places.len(), 3);
         assert_eq!(places.last().unwrap().end, 12);
-        // Twice as many settings in the first bracket as in the last, which runs all to their ends.
+        // The first bracket has twice as many settings as the last, which runs all to their ends.
         assert!(
             places[0].len() > places[1].len() && places[1].len() >= places[2].len(),
             "{places:?}"

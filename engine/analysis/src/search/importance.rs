@@ -1,6 +1,6 @@
-//! Which searched keys matter: how much worse a forest forecasts settings that it has not seen when the values of
-//! one key are taken from other settings (Breiman 2001, section 10, with held-out settings in place of the
-//! out-of-bag ones).
+//! Importance of searched keys: the loss in a forest's forecasts of settings that it has not seen when the values of
+//! one key are taken from other settings (Breiman 2001, section 10, with held-out settings instead of the out-of-bag
+//! ones).
 
 use contract::{Error, random};
 use rand::Rng as _;
@@ -10,9 +10,9 @@ use smartcore::{
     linalg::basic::matrix::DenseMatrix,
 };
 
-/// Fewest settings for which importances are computed.
+/// Smallest number of settings for which importances are computed.
 pub const FEWEST: usize = 10;
-/// Trees of a forest.
+/// Number of trees of a forest.
 pub const TREES: usize = 100;
 /// Number of parts of the settings; each part is forecast from the others.
 const FOLDS: usize = 5;
@@ -20,21 +20,20 @@ const FOLDS: usize = 5;
 /// Importance of keys, estimated by a forest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Importance {
-    /// For each key the mean and the standard deviation over exchanges of the lost explanation, as a share of the
+    /// For each key, the mean and the standard deviation over exchanges of the lost explanation, as a share of the
     /// variance of the values.
     pub keys: Vec<(f64, f64)>,
-    /// Share of the variance of unseen settings that the forest explains; below 0 where it forecasts worse than their
+    /// Share of the variance of unseen settings that the forest explains; below 0 if it forecasts worse than their
     /// mean.
     pub explained: f64,
 }
 
-/// The importance of each key for `values`, of which there is one for each of `settings` `[setting][key]`, by at
-/// least two exchanges of the values of each key;
-/// `name` names the stream of random numbers. `None` with fewer than [`FEWEST`] settings, or where all
-/// values are the same.
+/// The importance of each key for `values`, one for each of `settings` `[setting][key]`, by at least two exchanges of
+/// the values of each key; `name` names the stream of random numbers. `None` with fewer than [`FEWEST`] settings, or if
+/// all values are the same.
 ///
 /// # Errors
-/// [`Error::Render`] where the forest cannot be fitted.
+/// [`Error::Render`] if the forest cannot be fitted.
 pub fn importance(
     settings: &[Vec<f64>],
     values: &[f64],

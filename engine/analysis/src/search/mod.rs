@@ -1,12 +1,11 @@
-//! Searches for settings: the settings that are tried next, and the one that is chosen, as a function of earlier
-//! results.
+//! Searches for settings: the settings to try next and the final choice, as a function of earlier results.
 //!
-//! A search tries settings in generations. A generation is settled when every one of its settings was seen, so the next
-//! one depends on neither the number of workers nor the order in which they finish, and on nothing else that the store
-//! holds. A setting is seen when its trials ended well, or with a number that is not finite: then it ranks last. A
-//! trial that failed in another way (an error, a limit of time or memory) says nothing about its setting, and the
-//! search waits for it, see [`Failed`]. Random numbers come from streams that are named by the identity of the search
-//! and by the place of a setting, so that a larger budget keeps the settings of a smaller one.
+//! A search tries settings in generations. A generation is settled when every one of its settings has a result. The
+//! next one therefore depends neither on the number of workers nor on the order in which they finish, nor on anything
+//! else in the store. A setting has a result when its trials ended successfully, or with a number that is not finite:
+//! then it ranks last. A trial that failed in another way (an error, a limit of time or memory) says nothing about its
+//! setting, and the search waits for it, see [`Failed`]. Random numbers come from streams that are named by the
+//! identity of the search and by the place of a setting, so that a larger budget keeps the settings of a smaller one.
 
 mod cma_es;
 mod halving;
@@ -28,9 +27,9 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 /// The first of the seeds with which settings are compared. Those of studies begin at 0, so that the chosen setting is
-/// measured on seeds that the search has not seen.
+/// measured on seeds that the search has not used.
 pub const FIRST_TUNING_SEED: u64 = 1_000_000;
-/// How often a setting that was tried before is drawn again.
+/// Number of times that a setting that was tried before is drawn again.
 const MOST_REDRAWS: usize = 100;
 
 /// A search of a study.
@@ -54,7 +53,7 @@ pub struct Search {
     pub settings: usize,
     /// Seeds of each setting.
     pub seeds: Vec<u64>,
-    /// How the next setting is found.
+    /// Method of choosing the next setting.
     pub method: Method,
     /// Treatment of a setting with a failed trial.
     pub failed: Failed,
@@ -64,7 +63,7 @@ pub struct Search {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Failed {
-    /// The search waits until the trial is run again and ends otherwise.
+    /// The search waits until the trial is run again and ends in another state.
     #[default]
     Wait,
     /// It ranks last, and the search goes on without it.
@@ -79,19 +78,19 @@ impl Failed {
     }
 }
 
-/// Which values of a metric are better.
+/// Better direction of the values of a metric.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Direction {
-    /// Large ones.
+    /// Larger values are better.
     #[default]
     Maximize,
-    /// Small ones.
+    /// Smaller values are better.
     Minimize,
 }
 
 impl Direction {
-    /// The value, or its opposite where small ones are better: the larger the better.
+    /// The value, negated if smaller ones are better: larger is always better.
     #[must_use]
     pub fn merit(self, value: f64) -> f64 {
         match self {
@@ -101,35 +100,35 @@ impl Direction {
     }
 }
 
-/// How the next setting is come by.
+/// Method of choosing the next setting.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Method {
-    /// Every setting as likely as another; all are tried at once.
+    /// Every setting is equally likely; all are tried at once.
     Random(
-        /// It has no options.
+        /// No options.
         NoOptions,
     ),
     /// Settings that lie near good ones and far from others.
     TreeParzen(
-        /// How many are random, and how many are tried at once.
+        /// Numbers of settings that are random and that are tried at once.
         TreeParzen,
     ),
     /// Settings from a normal distribution that moves to good ones and takes their shape; for numbers alone.
     CmaEs(
-        /// How many are tried at once, and how wide it is at first.
+        /// Number of settings that are tried at once, and initial width.
         CmaEs,
     ),
-    /// Random settings that pause, of which the best part goes on: successive halving, and Hyperband with several
+    /// Random settings that pause, after which the best part continues: successive halving, and Hyperband with several
     /// brackets.
     Halving(
-        /// Where trials pause, and how many go on.
+        /// Steps at which trials pause, and the share that continues.
         Halving,
     ),
-    /// Random settings that learn side by side; after every pause the worst take up what the best have learned
-    /// and go on with a setting like theirs: population based training. The result is a schedule of settings.
+    /// Random settings that learn side by side. After every pause the worst take over what the best have learned and
+    /// continue with a similar setting: population based training. The result is a schedule of settings.
     Population(
-        /// Where members are compared, and how many are replaced.
+        /// Steps at which members are compared, and the share that is replaced.
         Population,
     ),
 }
@@ -140,7 +139,7 @@ impl Default for Method {
     }
 }
 
-/// Nothing can be set.
+/// Options of a method that has none.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NoOptions {}
@@ -149,13 +148,14 @@ pub struct NoOptions {}
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TreeParzen {
-    /// Settings that are random, before any is proposed.
+    /// Number of random settings before any is proposed.
     #[schemars(range(min = 1, max = 100_000))]
     pub startup: usize,
-    /// Settings that are proposed and tried together. More make use of more workers and know less.
+    /// Number of settings that are proposed and tried together. More of them use more workers, but each is proposed
+    /// with fewer results.
     #[schemars(range(min = 1, max = 1000))]
     pub batch: usize,
-    /// Settings of which the best one is proposed.
+    /// Number of candidates, the best of which is proposed.
     #[schemars(range(min = 1, max = 100_000))]
     pub candidates: usize,
 }
@@ -177,7 +177,7 @@ pub struct Halving {
     /// Steps at which trials pause, in order; the protocol measures at each of them.
     #[schemars(length(min = 1, max = 20), inner(range(min = 1)), extend("x-unit" = "steps"))]
     pub pauses: Vec<u64>,
-    /// Share of the settings that goes on after a pause, at least one.
+    /// Share of the settings that continues after a pause, at least one.
     #[serde(default = "third")]
     #[schemars(range(min = 0.01, max = 0.99))]
     pub keep: f64,
@@ -198,8 +198,8 @@ pub struct Population {
     #[serde(default = "quarter")]
     #[schemars(range(min = 0.01, max = 0.5))]
     pub replace: f64,
-    /// How probable it is that a value of a member that is replaced is drawn anew from its whole range; otherwise
-    /// a number changes by a fifth, and a listed value to one beside it.
+    /// Probability that a value of a replaced member is drawn again from its whole range; otherwise a number changes by
+    /// a fifth, and a listed value moves to a neighbour.
     #[serde(default = "quarter")]
     #[schemars(range(min = 0, max = 1))]
     pub redraw: f64,
@@ -225,13 +225,13 @@ pub type Point = Vec<Value>;
 pub struct Tried {
     /// Values of the setting, one for each key.
     pub point: Point,
-    /// The place of the setting whose learning it goes on with; `None` where it begins anew.
+    /// The place of the setting whose learning it continues; `None` if it starts from the beginning.
     pub parent: Option<usize>,
-    /// Mean of the metric over the seeds; `None` where it ranks last or has not ended.
+    /// Mean of the metric over the seeds; `None` if it ranks last or has not ended.
     pub value: Option<f64>,
-    /// Whether it was seen to its end: its trials ended well, or so that it ranks last.
+    /// Whether its result is final: its trials ended successfully, or in a way that ranks it last.
     pub ended: bool,
-    /// The same mean at each pause that all of its trials came to; `None` where it ranks last.
+    /// The same mean at each pause that all of its trials reached; `None` if it ranks last.
     pub pauses: BTreeMap<u64, Option<f64>>,
 }
 
@@ -252,16 +252,16 @@ impl Tried {
 /// The next step of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Next {
-    /// These settings are tried, each until its pause or, where it has none, to its end.
+    /// These settings are tried, each until its pause, or to its end if it has none.
     Try(Vec<Point>, Vec<Option<u64>>),
-    /// The search is over; the best setting is at this place, or every one has failed. The steps at which the settings
-    /// pause stand beside it.
+    /// The search is over. The best setting is at this place; `None` if every one has failed. The second field has the
+    /// steps at which the settings pause.
     Chosen(Option<usize>, Vec<Option<u64>>),
 }
 
 impl Search {
-    /// The next step, by the results so far. The settings that should have been tried by these results are computed
-    /// anew, since a failed trial that was tried again may change them.
+    /// The next step, according to the results so far. The settings that should have been tried by these results are
+    /// computed again, since a failed trial that was tried again may change them.
     #[must_use]
     pub fn next(&self, tried: &[Tried]) -> Next {
         match &self.method {
@@ -307,7 +307,7 @@ impl Search {
         points.split_off(known)
     }
 
-    /// The next step where the distribution of settings adapts.
+    /// The next step of a method whose distribution of settings adapts.
     fn adapted(&self, options: &CmaEs, tried: &[Tried]) -> Next {
         let ended = tried.iter().filter(|it| it.ended);
         let known = ended
@@ -322,7 +322,7 @@ impl Search {
         Next::Try(points, stops)
     }
 
-    /// Number of settings that can go to their ends.
+    /// Number of settings that can run to their ends.
     #[must_use]
     pub fn n_ends(&self) -> usize {
         match &self.method {
@@ -335,7 +335,7 @@ impl Search {
         self.keys.iter().map(|(_, range)| range.clone()).collect()
     }
 
-    /// The next step where settings pause.
+    /// The next step of a method whose settings pause.
     fn halved(&self, options: &Halving, points: Vec<Point>, known: Option<&[Tried]>) -> Next {
         let nothing: Vec<Tried> = points.iter().cloned().map(Tried::new).collect();
         let known = known.unwrap_or(&nothing);
@@ -347,7 +347,7 @@ impl Search {
         if stops.iter().zip(known).any(waits) {
             return Next::Try(points, stops);
         }
-        // More results of a stopped setting may be stored, by a sweep for instance; they do not count.
+        // The store may hold further results of a stopped setting, for instance from a sweep; they do not count.
         let chosen = self.best(known, |place| stops[place].is_none());
         Next::Chosen(chosen, stops)
     }
@@ -361,7 +361,7 @@ impl Search {
         }
     }
 
-    /// Places of the settings from the best to the worst; of equal ones the earlier is the better.
+    /// Places of the settings from the best to the worst; of equal ones the earlier is better.
     #[must_use]
     pub fn ranking(&self, tried: &[Tried]) -> Vec<usize> {
         let mut order: Vec<usize> = (0..tried.len()).collect();
@@ -369,18 +369,18 @@ impl Search {
         order
     }
 
-    /// The place of the best setting of those whose places count; `None` where none has a value.
+    /// The place of the best setting of those whose places count; `None` if none has a value.
     #[must_use]
     pub fn best(&self, tried: &[Tried], counts: impl Fn(usize) -> bool) -> Option<usize> {
         let first = self.ranking(tried).into_iter().find(|place| counts(*place))?;
         tried[first].value.map(|_| first)
     }
 
-    /// Whether a setting with a trial that ended so ranks last, and the search goes on without it.
+    /// Whether a setting with a trial in this end state ranks last, and the search goes on without it.
     #[must_use]
     pub fn ranks_last(&self, end: EndState) -> bool {
         match end {
-            // The numbers of the trial decide it: the trial ends like that wherever it runs.
+            // The numbers of the trial decide this: it ends like that wherever it runs.
             EndState::Nan => true,
             EndState::Failed | EndState::Panicked | EndState::Timeout | EndState::Oom => {
                 self.failed == Failed::RankLast
@@ -395,8 +395,8 @@ impl Search {
             .map_or(f64::NEG_INFINITY, |value| self.direction.merit(value))
     }
 
-    /// The setting at a place, where `points` are those before it and `tried` those with a known end. A setting that
-    /// was tried before is drawn again, at last by chance.
+    /// The setting at a place; `points` are those before it and `tried` those with a known end. A setting that was
+    /// tried before is drawn again, and finally drawn at random.
     fn propose(&self, place: usize, points: &[Point], tried: &[Tried]) -> Point {
         let mut rng = random::stream(&["search", &self.identity(), &place.to_string()]);
         let space = self.space();
@@ -418,7 +418,7 @@ impl Search {
         point
     }
 
-    /// Hash of the searched keys and the method; neither names of the study nor the number of settings are part of it.
+    /// Hash of the searched keys and the method. Names of the study and the number of settings are not part of it.
     fn identity(&self) -> String {
         let last = |text: &str| text.split_once('.').map_or(text, |(_, key)| key).to_owned();
         let keys: Vec<(String, String)> = self
@@ -426,7 +426,7 @@ impl Search {
             .iter()
             .map(|(key, range)| (last(key), format!("{range:?}")))
             .collect();
-        // The words of earlier programs: the streams of a study stay its own.
+        // These words are those of earlier versions, so that the streams of a study do not change.
         let direction = match self.direction {
             Direction::Maximize => "most",
             Direction::Minimize => "least",
@@ -442,8 +442,8 @@ impl Search {
     }
 }
 
-/// These places from the best to the worst at a pause, without those that failed; of equal ones the earlier is the
-/// better. `None` as long as one has not come there.
+/// These places from the best to the worst at a pause, without those that failed; of equal ones the earlier is better.
+/// `None` as long as one has not reached the pause.
 fn best_at(
     direction: Direction,
     tried: &[Tried],

@@ -1,21 +1,21 @@
-//! Population based training: settings learn side by side, and the worst take over the networks of the best and go on
-//! with a setting like theirs.
+//! Population based training: settings learn side by side, and the worst take over the networks of the best and
+//! continue with a similar setting.
 //!
 //! Jaderberg et al. 2017, "Population Based Training of Neural Networks", arXiv:1711.09846: exploit by truncation,
-//! explore by a factor of 0.8 or 1.2. Here every stretch between two pauses is a trial of its own that goes on from the
-//! checkpoint of another one, so that the next stretches are a function of stored results, and the result is a
-//! *schedule*: the settings along the way to the best member, which is then learned anew on fresh seeds.
+//! explore by a factor of 0.8 or 1.2. Here every stretch between two pauses is a trial of its own that continues from
+//! the checkpoint of another one, so that the next stretches are a function of stored results. The result is a
+//! *schedule*: the settings that lead to the best member, which is then trained again on fresh seeds.
 
 use super::{Method, Next, Point, Population, Range, Search, Tried, best_at, share_of};
 use contract::{Rng, random};
 use rand::Rng as _;
 use serde_json::Value;
 
-/// How a number is moved, up or down.
+/// Factors by which a number moves, down or up.
 const FACTORS: [f64; 2] = [0.8, 1.2];
 
 impl Search {
-    /// The next step where members of a population take over from others.
+    /// The next step of a method whose members take over from others.
     pub(super) fn evolved(&self, options: &Population, tried: &[Tried]) -> Next {
         let course = self.course(options, tried);
         let stops = vec![None; course.points.len()];
@@ -58,7 +58,7 @@ impl Search {
         course
     }
 
-    /// For each next setting, the place of the one whose learning it goes on with.
+    /// For each next setting, the place of the one whose learning it continues.
     #[must_use]
     pub fn parents(&self, tried: &[Tried]) -> Vec<Option<usize>> {
         match &self.method {
@@ -67,7 +67,7 @@ impl Search {
         }
     }
 
-    /// Where members of a population are compared; none for other methods.
+    /// Steps at which members of a population are compared; none for other methods.
     #[must_use]
     pub fn generation_ends(&self) -> &[u64] {
         match &self.method {
@@ -76,7 +76,7 @@ impl Search {
         }
     }
 
-    /// The step at which a setting of a population, by its place, is compared with its generation; `None` where that is
+    /// The step at which a setting of a population, by its place, is compared with its generation; `None` if that is
     /// its end.
     #[must_use]
     pub fn compared_at(&self, place: usize) -> Option<u64> {
@@ -98,7 +98,7 @@ struct Course {
 }
 
 impl Course {
-    /// The results of these settings; `None` where other settings were tried.
+    /// The results of these settings; `None` if other settings were tried.
     fn known<'t>(&self, tried: &'t [Tried]) -> Option<&'t [Tried]> {
         let known = tried.get(..self.points.len())?;
         let own = self.points.iter().zip(&self.parents);
@@ -113,12 +113,12 @@ impl Course {
 struct Generation {
     /// Settings of the members, in order.
     points: Vec<Point>,
-    /// The place, in the generation before, of the member that each goes on from.
+    /// The place, in the previous generation, of the member from which each continues.
     parents: Vec<usize>,
 }
 
-/// The generation after one whose members are `last`, each with its value at the pause; `None` where every one has
-/// failed. All members that failed are replaced, whatever their number.
+/// The generation after one whose members are `last`, each with its value at the pause; `None` if every one has failed.
+/// All members that failed are replaced, regardless of their number.
 fn next(
     search: &Search,
     options: &Population,
@@ -146,7 +146,7 @@ fn next(
     Some(Generation { points, parents })
 }
 
-/// A setting like another one.
+/// A setting similar to another one.
 fn explored(search: &Search, options: &Population, point: &[Value], rng: &mut Rng) -> Point {
     let keys = search.keys.iter().zip(point);
     keys.map(|((_, range), value)| {
@@ -159,8 +159,8 @@ fn explored(search: &Search, options: &Population, point: &[Value], rng: &mut Rn
     .collect()
 }
 
-/// A value near another one: a number times a factor, a whole number by one at least, a listed value beside it in the
-/// list. Beyond its end a range has nothing.
+/// A value near another one: a number times a factor, a whole number moved by at least one, a listed value moved to a
+/// neighbour in the list. Values are clamped to the range.
 fn moved(range: &Range, value: &Value, up: bool) -> Value {
     match range {
         Range::Choice(values) => {
@@ -184,7 +184,7 @@ fn moved(range: &Range, value: &Value, up: bool) -> Value {
     }
 }
 
-/// The settings along the way to a member, from the first generation on, as places.
+/// The settings that lead to a member, from the first generation on, as places.
 #[must_use]
 pub fn lineage(parents: &[Option<usize>], place: usize) -> Vec<usize> {
     let mut way: Vec<usize> =
@@ -193,7 +193,7 @@ pub fn lineage(parents: &[Option<usize>], place: usize) -> Vec<usize> {
     way
 }
 
-/// A schedule in words: each setting with the step up to which it holds.
+/// A schedule as text: each setting with the step up to which it holds.
 #[must_use]
 pub fn schedule_in_words(settings: &[String], pauses: &[u64]) -> String {
     let until = |place: usize| {

@@ -42,7 +42,7 @@ fn search(members: usize) -> Search {
 }
 
 /// Lets a population learn to its end: a stretch adds `gain` of the setting and the generation to the value of its
-/// parent; a gain that is not finite is a failure.
+/// parent. A gain that is not finite is a failure.
 fn evolve(search: &Search, gain: impl Fn(f64, usize) -> f64) -> (Vec<Tried>, Option<usize>) {
     let (mut tried, mut learned): (Vec<Tried>, Vec<f64>) = (Vec::new(), Vec::new());
     loop {
@@ -75,7 +75,7 @@ fn evolve(search: &Search, gain: impl Fn(f64, usize) -> f64) -> (Vec<Tried>, Opt
     }
 }
 
-/// Best where the rate is a tenth at first and a hundredth of that later.
+/// Best if the rate is a tenth at first and a hundredth of that later.
 fn wants_a_schedule(rate: f64, generation: usize) -> f64 {
     let best = if generation < 2 { -1.0 } else { -3.0 };
     -(rate.log10() - best).abs()
@@ -111,7 +111,7 @@ fn the_best_go_on_and_the_worst_take_up_what_they_learned() {
 #[test]
 fn a_schedule_is_found_that_no_constant_setting_matches() {
     let (tried, chosen) = evolve(&search(24), wants_a_schedule);
-    // A constant rate loses at least 2 in each half of the way: 4 in all.
+    // A constant rate loses at least 2 in each half of the stretches: 4 in total.
     let value = tried[chosen.unwrap()].value.unwrap();
     assert!(value > -4.0, "{value}");
     let parents: Vec<Option<usize>> = tried.iter().map(|it| it.parent).collect();

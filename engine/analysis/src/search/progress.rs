@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 pub struct Progress {
     /// The settings that are tried, in order.
     pub points: Vec<Point>,
-    /// The step at which the trials of each pause; `None` for those that go to their ends.
+    /// The step at which the trials of each pause; `None` for those that run to their ends.
     pub stops: Vec<Option<u64>>,
-    /// For each the place of the setting whose learning it goes on with; empty where none does.
+    /// For each setting, the place of the one whose learning it continues; empty if none does.
     pub parents: Vec<Option<usize>>,
     /// Place of the chosen setting; `None` before the choice.
     pub chosen: Option<usize>,

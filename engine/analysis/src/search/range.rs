@@ -1,6 +1,6 @@
-//! The values that a key may take, and how they lie on a line from 0 to 1.
+//! The values that a key may take, and their places on a line from 0 to 1.
 //!
-//! A *share* is a place on that line. Every value owns a stretch of it (its cell): a listed one or an integer a
+//! A *share* is a place on that line. Every value owns a stretch of it (its cell): a listed value or an integer owns a
 //! stretch of some width, any other number a point.
 
 use contract::sweep_point::word;
@@ -25,8 +25,8 @@ impl Range {
         }
     }
 
-    /// Place of a value between the ends of the range, from 0 to 1: the index of a listed one in the list. `None` for a
-    /// value outside the range.
+    /// Place of a value between the ends of the range, from 0 to 1. A listed value is placed by its index in the list.
+    /// `None` for a value outside the range.
     #[must_use]
     pub fn share_of(&self, value: &Value) -> Option<f64> {
         match self {
@@ -39,7 +39,7 @@ impl Range {
         }
     }
 
-    /// The ends in words, the lower one first, or all that is listed.
+    /// The ends as text, the lower one first, or all listed values.
     #[must_use]
     pub fn in_words(&self) -> String {
         match self {

@@ -90,7 +90,7 @@ fn what_follows_is_a_function_of_the_results_alone() {
     assert_eq!(tried.len(), 26);
     assert_eq!(search.next(&tried), Next::Chosen(chosen, vec![None; 26]));
     assert_eq!(search.ranking(&tried)[0], chosen.unwrap());
-    // A value that changes leads elsewhere from the next generation on.
+    // A value that changes affects the generations after it.
     let mut other = tried.clone();
     other[7].value = Some(-1.0);
     let Next::Try(points, _) = search.next(&other) else {
@@ -176,12 +176,12 @@ fn rates(low: f64) -> Range {
     numbers(low, 1e-1, true, false)
 }
 
-/// Those of `tests/fixtures/search/optuna_regret.py`.
+/// The functions of `tests/fixtures/search/optuna_regret.py`.
 fn function(name: &str) -> Function {
     [bowls, waves, settings].iter().find_map(|of| of(name)).unwrap()
 }
 
-/// With few places that look like the best one.
+/// Functions with few minima near the best one.
 fn bowls(name: &str) -> Option<Function> {
     Some(match name {
         "sphere" => (
@@ -217,7 +217,7 @@ fn bowls(name: &str) -> Option<Function> {
     })
 }
 
-/// With many.
+/// Functions with many minima.
 fn waves(name: &str) -> Option<Function> {
     use std::f64::consts::{E, PI};
     Some(match name {
@@ -240,7 +240,7 @@ fn waves(name: &str) -> Option<Function> {
     })
 }
 
-/// Of keys as agents have them: over decades, whole numbers, words.
+/// Functions of keys as agents have them: over decades, whole numbers, words.
 fn settings(name: &str) -> Option<Function> {
     Some(match name {
         "rates" => (vec![("a", rates(1e-6)), ("b", rates(1e-6))], |x| {
@@ -288,7 +288,7 @@ fn median_regret(name: &str, method: &Method, n_seeds: u64) -> f64 {
                     Next::Try(points, _) => points.into_iter().skip(tried.len()).collect(),
                     Next::Chosen(..) => panic!("{name}: over after {} settings", tried.len()),
                 },
-                // `next` makes every earlier setting anew.
+                // `next` computes every earlier setting again.
                 _ => own.generation(&tried),
             };
             tried.extend(points.into_iter().map(|point| {
@@ -306,8 +306,8 @@ fn median_regret(name: &str, method: &Method, n_seeds: u64) -> f64 {
     regrets[regrets.len() / 2]
 }
 
-/// The median lies within the quartiles of Optuna 5.0.0, or below, one setting at a time; and far below that of chance
-/// on most of the functions.
+/// The median lies within the quartiles of Optuna 5.0.0 or below, one setting at a time, and far below that of random
+/// search on most of the functions.
 #[test]
 fn regret_is_that_of_optuna_on_ten_functions() {
     let table = include_str!("../../../../tests/fixtures/search/optuna_regret.csv");
@@ -325,7 +325,7 @@ fn regret_is_that_of_optuna_on_ten_functions() {
     assert!(far_below_chance >= 7, "{far_below_chance}");
 }
 
-/// The same for covariance matrix adaptation, which searches numbers alone.
+/// The same for covariance matrix adaptation, which searches only numbers.
 #[test]
 fn regret_of_adaptation_is_that_of_optuna_on_nine_functions() {
     let table = include_str!("../../../../tests/fixtures/search/optuna_cma_es_regret.csv");
@@ -357,7 +357,7 @@ fn adaptation_turns_to_a_narrow_valley_and_begins_anew_where_it_ends() {
     };
     let best_of = |seed| {
         let (tried, chosen) = run(&search(keys(), adaptation(None), 400, seed), valley);
-        // All 400 are different ones, although the first beginning may end before.
+        // All 400 are different, although the first run may end earlier.
         let mut words: Vec<String> = tried.iter().map(|it| cma_es::word(&it.point)).collect();
         words.sort();
         words.dedup();
@@ -366,7 +366,7 @@ fn adaptation_turns_to_a_narrow_valley_and_begins_anew_where_it_ends() {
     };
     let mut best: Vec<f64> = (0..9).map(best_of).collect();
     best.sort_by(f64::total_cmp);
-    // The Python package `cmaes` comes to 2e-8 or less in half of twelve runs; two of them find no valley.
+    // The Python package `cmaes` reaches 2e-8 or less in half of twelve runs; two of them find no valley.
     assert!(best[4] < 1e-6, "{best:?}");
 }
 

@@ -11,7 +11,7 @@
 //! | l(x) / g(x) | the criterion of a proposal: the largest of `candidates` drawn from l |
 //! | b | `width`: 0.2 n^(-1 / (d + 4)) of the range, and no less than one part in min(100, n + 2) of it |
 //!
-//! Settings under way count among the others (a constant liar), so that a batch spreads.
+//! Settings whose trials are running count among the others (a constant liar), so that a batch spreads out.
 
 use super::range::{Numbers, Range, option};
 use contract::random::Rng;
@@ -21,15 +21,15 @@ use statistics::normal;
 
 /// Share of the settings that counts as good.
 const GOOD_SHARE: f64 = 0.1;
-/// At most so many settings count as good.
+/// Largest number of settings that count as good.
 const MOST_GOOD: usize = 25;
-/// Number of latest settings that weigh alike; older ones weigh less.
+/// Number of latest settings with equal weights; older ones weigh less.
 const FULL_WEIGHTS: usize = 25;
 /// Width of a kernel of a single setting.
 const WIDTH: f64 = 0.2;
 
 /// The next setting: the best of the candidates by the ratio of both densities. `tried` are the settings with values,
-/// best values first where equal ones keep their order; `under_way` has no value yet.
+/// best values first, where equal ones keep their order; `under_way` are those without a value yet.
 pub(super) fn propose(
     space: &[Range],
     tried: &[(&[Value], f64)],
@@ -78,15 +78,15 @@ struct Mixture<'a> {
 
 struct Kernel {
     weight: f64,
-    /// One for each key.
+    /// One factor for each key.
     factors: Vec<Factor>,
 }
 
 /// The distribution of one key around one setting.
 enum Factor {
-    /// A normal one on the line of shares, cut off at its ends.
+    /// A normal distribution on the line of shares, cut off at its ends.
     Normal(CutNormal),
-    /// How likely each listed value is.
+    /// Probability of each listed value.
     Listed(Vec<f64>),
 }
 
@@ -153,7 +153,7 @@ fn factor(range: &Range, value: Option<&Value>, width: f64, n_settings: usize) -
     }
 }
 
-/// Every value has a part of one count, and the one that was taken a whole one more.
+/// Every value has a part of one count, and the value of the setting has a whole one more.
 #[allow(clippy::cast_precision_loss, reason = "few settings and values")]
 fn listed(values: &[Value], taken: Option<&Value>, n_settings: usize) -> Vec<f64> {
     let prior = 1.0 / (n_settings as f64 + 1.0);
@@ -188,7 +188,7 @@ impl Factor {
 struct CutNormal {
     mean: f64,
     sd: f64,
-    /// Probability below 0 of the one that is not cut off, and between 0 and 1.
+    /// Probability below 0, and between 0 and 1, of the distribution that is not cut off.
     below: f64,
     inside: f64,
 }
@@ -209,7 +209,7 @@ impl CutNormal {
         (self.mean + self.sd * normal::quantile(probability)).clamp(0.0, 1.0)
     }
 
-    /// Of a stretch its probability, of a point its density.
+    /// Logarithm of the probability of a stretch, or of the density at a point.
     fn log_density(&self, from: f64, to: f64) -> f64 {
         let scaled = |share: f64| (share - self.mean) / self.sd;
         let amount = if to > from {
@@ -217,7 +217,7 @@ impl CutNormal {
         } else {
             normal::density(scaled(from)) / self.sd
         };
-        // So far from its mean that no digit is left: as unlikely as a number can be.
+        // The value is so far from the mean that no digit is left; its probability is taken as the smallest number.
         (amount.max(f64::MIN_POSITIVE) / self.inside).ln()
     }
 }
@@ -239,7 +239,7 @@ fn width(n_settings: usize, n_keys: usize) -> f64 {
     (WIDTH * n.max(1.0).powf(-1.0 / (n_keys as f64 + 4.0))).clamp(least, 1.0)
 }
 
-/// An index, each as likely as its share says.
+/// An index, drawn with the probability of its share.
 fn drawn(shares: &[f64], rng: &mut Rng) -> usize {
     let mut left: f64 = rng.random();
     let passed = |share: &f64| {

@@ -1,8 +1,8 @@
 //! Actors of a trial: an agent that is built for it, or policies that other trials left.
 //!
-//! A [`Cast`] seats trained policies. With one member for all seats a policy is measured where it was not
-//! trained; with one per role agents that were trained apart meet (cross-play). The id of the trial that left
-//! a policy is part of the cast's identity, and hashes everything that determined the policy.
+//! A [`Cast`] assigns trained policies to seats. With one member for all seats, a policy is measured in an environment
+//! other than that of its training. With one per role, agents that were trained separately meet (cross-play). The id of
+//! the trial that left a policy is part of the cast's identity. It is a hash of everything that determined the policy.
 
 mod team;
 
@@ -22,7 +22,7 @@ use std::{collections::BTreeMap, sync::OnceLock};
 /// Name of an agent of a study that is the policy of another trial: `{ policy: { from: NAME } }`. It is no plugin.
 pub const POLICY: &str = "policy";
 
-/// Facts on [`POLICY`], as on plugins.
+/// Facts about [`POLICY`], like those about plugins.
 pub fn about_policy() -> &'static About {
     static ABOUT: OnceLock<About> = OnceLock::new();
     ABOUT.get_or_init(|| About {
@@ -35,7 +35,7 @@ pub fn about_policy() -> &'static About {
     })
 }
 
-/// Version of the code of casts, raised whenever a change moves the numbers of trials with one.
+/// Version of the code of casts, raised whenever a change affects the numbers of trials with one.
 const VERSION: u32 = 2;
 
 /// Everything that may be an agent of a study: the registered agents, and [`POLICY`].
@@ -58,7 +58,7 @@ pub enum Actors {
 }
 
 impl Actors {
-    /// Hash of everything that determines how the actors act.
+    /// Hash of everything that determines the actions of the actors.
     #[must_use]
     pub fn id(&self) -> String {
         match self {
@@ -136,7 +136,7 @@ pub struct Member {
 }
 
 impl Cast {
-    /// Hash of players and their seats. Paths of data files and names of sources in a study have no part in it.
+    /// Hash of players and their seats. Paths of data files and names of sources in a study are not part of it.
     #[must_use]
     pub fn id(&self) -> String {
         let member = |member: &Member| json!([member.seats, member.agent.id(), member.trial]);

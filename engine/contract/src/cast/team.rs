@@ -7,8 +7,7 @@ use crate::{
     random::Streams,
 };
 
-/// Several agents as one. Each is built for all seats, as where it was trained, and only the actions of its own seats
-/// count.
+/// Several agents as one. Each is built for all seats, as in its training, and only the actions of its own seats count.
 pub struct Team {
     members: Vec<Member>,
     n_seats: usize,
@@ -20,10 +19,10 @@ struct Member {
 }
 
 impl Team {
-    /// Builds the agents of a cast and has them take up their policies, which `find` looks up.
+    /// Builds the agents of a cast and loads their policies, which `find` looks up.
     ///
     /// # Errors
-    /// [`Error::Source`] where a policy is missing, damaged or of another form, and the errors of the agents'
+    /// [`Error::Source`] if a policy is missing, damaged or of another form, and the errors of the agents'
     /// constructors.
     pub fn assemble(
         cast: &Cast,
@@ -60,7 +59,7 @@ impl Team {
         })
     }
 
-    /// The agent that plays all seats; decisions of several agents cannot be told apart by seat.
+    /// The agent that plays all seats; `None` for several agents, whose decisions cannot be attributed to seats.
     fn alone(&self) -> Option<&dyn Agent> {
         match self.members.as_slice() {
             [only] => Some(&*only.agent),
@@ -69,10 +68,10 @@ impl Team {
     }
 }
 
-/// Has an agent take up the policy that a trial left.
+/// Loads the policy that a trial left into an agent.
 ///
 /// # Errors
-/// [`Error::Source`] where the policy is missing, damaged or of another form.
+/// [`Error::Source`] if the policy is missing, damaged or of another form.
 pub fn take_up(agent: &mut dyn Agent, name: &str, trial: &str, find: FindArtifact<'_>) -> Result<(), Error> {
     let unusable = |problem: String| Error::Source {
         trial: trial.into(),

@@ -13,7 +13,7 @@ use std::{fs, path::Path};
 /// The file of an episode whose lengths fit.
 ///
 /// # Errors
-/// [`Error::Damaged`] where a choice is no index.
+/// [`Error::Damaged`] if a choice is no index.
 pub(super) fn encode(episode: &Episode, layout: &Layout<'_>, path: &Path) -> Result<Vec<u8>, Error> {
     let (n, n_seats) = (episode.actions.len(), layout.seats().len());
     let nothing_done = vec![0.0; length(&layout.actions())];
@@ -50,7 +50,7 @@ pub(super) fn encode(episode: &Episode, layout: &Layout<'_>, path: &Path) -> Res
     parquet::encode(path, columns, &[])
 }
 
-/// Reward of a team: the mean of its seats.
+/// Reward of a team: the mean over its seats.
 #[allow(clippy::cast_precision_loss, reason = "a number of seats is far below 2^52")]
 fn mean(of_seats: &[f64]) -> f64 {
     match of_seats {
@@ -59,7 +59,7 @@ fn mean(of_seats: &[f64]) -> f64 {
     }
 }
 
-/// Rows of seats; choices are stored as whole numbers, one seat's without a vector around it.
+/// Rows of seats. Choices are stored as whole numbers, and those of one seat without a vector around them.
 fn values<'a>(
     are_choices: bool,
     n_seats: usize,
@@ -95,7 +95,7 @@ fn index(choice: f64, path: &Path) -> Result<i64, Error> {
 /// Reads the file of an episode.
 ///
 /// # Errors
-/// [`Error::File`] where it is missing, [`Error::Damaged`] where it is no such file.
+/// [`Error::File`] if it is missing, [`Error::Damaged`] if it is no such file.
 pub(super) fn read(path: &Path, layout: &Layout<'_>) -> Result<Episode, Error> {
     let bytes = fs::read(path).map_err(Error::file("read", path))?;
     panics::or_damaged(path, || decode(bytes, path, layout))
@@ -157,7 +157,7 @@ fn rows(
     }
 }
 
-/// How an episode ended; `None` where the flags do not mark its last decision alone.
+/// End of an episode; `None` if the flags do not mark only its last decision.
 fn end(terminations: &[bool], truncations: &[bool]) -> Option<End> {
     let said: Vec<(usize, End)> = [(terminations, End::Terminated), (truncations, End::Truncated)]
         .into_iter()

@@ -1,8 +1,8 @@
-//! Whether a dataset fits an environment: the first difference between the spaces of their seats.
+//! Compares a dataset with an environment: the first difference between the spaces of their seats.
 
 use crate::{Channel, Interface, Seat, Space};
 
-/// Where two interfaces differ.
+/// A difference between two interfaces.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Difference {
     /// Name of the property that differs.
@@ -13,7 +13,7 @@ pub(super) struct Difference {
     pub(super) expected: String,
 }
 
-/// The first difference; `None` where decisions of one are decisions of the other.
+/// The first difference; `None` if decisions of one are also decisions of the other.
 pub(super) fn difference(found: &Interface, expected: &Interface) -> Option<Difference> {
     let (seats, here) = (found.seats.len(), expected.seats.len());
     if seats != here {
@@ -24,7 +24,7 @@ pub(super) fn difference(found: &Interface, expected: &Interface) -> Option<Diff
         .iter()
         .zip(&expected.seats)
         .find_map(|(found, expected)| of_seats(found, expected));
-    // The full state is kept of several seats alone.
+    // The full state is kept only of several seats.
     of_seats.or_else(|| {
         let of = |interface: &Interface| Space::Box(interface.state.clone());
         (seats > 1).then(|| of_spaces("full state", &of(found), &of(expected), &unit))?

@@ -16,7 +16,7 @@ impl<'a> Layout<'a> {
     /// Layout of an environment.
     ///
     /// # Errors
-    /// [`Error::MixedSeats`] where some seats choose and others do not.
+    /// [`Error::MixedSeats`] if some seats choose and others do not.
     pub(super) fn of(interface: &'a Interface) -> Result<Self, Error> {
         let choices = |what: &'static str, space: fn(&Seat) -> &Space| {
             let mut are = interface
@@ -84,7 +84,7 @@ impl<'a> Layout<'a> {
             .collect()
     }
 
-    /// The fault in the lengths of an episode; `None` where they fit.
+    /// The fault in the lengths of an episode; `None` if they fit.
     pub(super) fn misfit(&self, episode: &Episode) -> Option<String> {
         let n = episode.actions.len();
         if n == 0 {

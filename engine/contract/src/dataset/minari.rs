@@ -1,4 +1,4 @@
-//! Files that Minari reads of a dataset besides its rows (`minari/dataset/minari_storage.py`, `minari/serialization.py`
+//! Files of a dataset that Minari reads besides its rows (`minari/dataset/minari_storage.py`, `minari/serialization.py`
 //! of version 0.5.4).
 
 use super::layout::Layout;
@@ -18,13 +18,13 @@ pub(super) const METADATA: &str = "data/metadata.json";
 pub(super) const EPISODE_METADATA: &str = "metadata.json";
 /// The first version of Minari that reads Parquet files; later ones read its files.
 const VERSION: &str = "0.5.3";
-/// Minari parses names of datasets; this one has the form that it wants.
+/// Name of the dataset, in the form that Minari requires.
 const NAME: &str = "regimen/gathered-v0";
 
 /// Size of a dataset.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Totals {
-    /// Episodes, numbered from 0.
+    /// Number of episodes, which are numbered from 0.
     pub(super) total_episodes: u64,
     /// Decisions of all episodes.
     pub(super) total_steps: u64,
@@ -61,7 +61,7 @@ pub(super) fn of_dataset(layout: &Layout<'_>, totals: &Totals, bytes: u64) -> Va
     })
 }
 
-/// The same metadata for a dataset that is handed on under a name of its own: its id, and its size in megabytes
+/// The same metadata for a dataset that is passed on under a name of its own: its id, and its size in megabytes, exact
 /// to the byte.
 pub(super) fn named(mut metadata: Value, id: Option<&str>, bytes: u64) -> Value {
     if let Some(id) = id {
@@ -73,8 +73,8 @@ pub(super) fn named(mut metadata: Value, id: Option<&str>, bytes: u64) -> Value 
     metadata
 }
 
-/// The id that Minari gives a folder at `place` below its root, as in `regimen/pack-v0`; `None` where it takes
-/// none of that name (`minari/dataset/minari_dataset.py`).
+/// The id that Minari gives a folder at `place` below its root, as in `regimen/pack-v0`; `None` if Minari refuses the
+/// name (`minari/dataset/minari_dataset.py`).
 pub(super) fn id_of(place: &Path) -> Option<String> {
     let part = |part: Component<'_>| match part {
         Component::Normal(name) => name.to_str().map(String::from),
@@ -88,13 +88,13 @@ pub(super) fn id_of(place: &Path) -> Option<String> {
     };
     let (word, version) = name.rsplit_once("-v")?;
     let has_version = !version.is_empty() && version.bytes().all(|byte| byte.is_ascii_digit());
-    // A namespace has two letters at least.
+    // A namespace has at least two letters.
     let namespace = namespaces.join("/");
     let fits = namespaces.iter().all(|part| is_word(part)) && namespace.chars().count() != 1;
     (is_word(word) && has_version && fits).then(|| parts.join("/"))
 }
 
-/// The spaces of all seats as one, in the words of `minari.serialization`, which wants text inside the metadata.
+/// The spaces of all seats as one, in the format of `minari.serialization`, which requires text inside the metadata.
 fn joint(spaces: &[&Space]) -> String {
     let numbers = |space: &&Space| match space {
         Space::Discrete(names) => Some(names.len()),
@@ -138,7 +138,7 @@ fn boxed(length: usize, low: &str, high: &str) -> String {
     format!(r#"{{"type": "Box", "dtype": "float64", "shape": [{length}], "low": [{low}], "high": [{high}]}}"#)
 }
 
-/// Numbers with commas; Python's JSON knows infinities.
+/// Numbers with commas between them; Python's JSON supports infinities.
 fn list(numbers: impl Iterator<Item = f64>) -> String {
     let mut text = String::new();
     for number in numbers {

@@ -1,7 +1,7 @@
-//! Datasets: whole episodes that a trial gathered, for others to learn from.
+//! Datasets: whole episodes that a trial gathered, from which others learn.
 //!
-//! A dataset lies in the folder `dataset` of a trial, in the layout of Minari 0.5 (Farama Foundation), which
-//! reads it as it is:
+//! A dataset lies in the folder `dataset` of a trial, in the layout of Minari 0.5 (Farama Foundation), which can read
+//! it directly:
 //!
 //! | file | content |
 //! |---|---|
@@ -15,14 +15,14 @@
 //! | `observations` | vector of f64, i64 for a choice | observation before decision `t`; in the last row the one at the end |
 //! | `actions` | vector of f64, i64 for a choice | decision `t`; 0 in the last row |
 //! | `rewards` | f64 | reward of decision `t`, the mean of the seats; 0 in the last row |
-//! | `terminations`, `truncations` | bool | whether the episode ended with decision `t`, and how; false in the last row |
+//! | `terminations`, `truncations` | bool | whether and how decision `t` ended the episode; false in the last row |
 //! | `seat_rewards` | vector of f64 | of several seats: the reward of each |
 //! | `states` | vector of f64 | of several seats whose environment has one: the full state |
 //!
 //! Observations are as the environment gave them, in SI units. Shares on a simplex are a box with limits 0 and 1 to
-//! Minari, which knows one agent: several seats are one to it, that sees and does what they do, one after the other;
-//! choices of several seats are vectors of i64. The full state is not kept of one seat. The same episodes always
-//! make the same bytes.
+//! Minari. Minari knows only one agent, so several seats are one to it, with their observations and actions one after
+//! the other; choices of several seats are vectors of i64. The full state of a single seat is not kept. The same
+//! episodes always make the same bytes.
 
 mod episode_file;
 mod interface;
@@ -43,10 +43,10 @@ use std::{
 pub const FOLDER: &str = "dataset";
 const INTERFACE: &str = "interface.json";
 
-/// Whether datasets can be made of an environment.
+/// Checks whether datasets can be made of an environment.
 ///
 /// # Errors
-/// [`Error::MixedSeats`] where some seats choose and others do not, [`Error::NoSeats`] where there are none.
+/// [`Error::MixedSeats`] if some seats choose and others do not, [`Error::NoSeats`] if there are none.
 pub fn can_hold(interface: &Interface) -> Result<(), Error> {
     Layout::of(interface).map(drop)
 }
@@ -60,7 +60,7 @@ pub struct Episode {
     pub actions: Vec<Vec<f64>>,
     /// Rewards: a number for each seat of each of the `n` decisions.
     pub rewards: Vec<f64>,
-    /// Of several seats, the full state before each decision and at the end: `n + 1` vectors. Else nothing.
+    /// For several seats, the full state before each decision and at the end: `n + 1` vectors. Empty for one seat.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub states: Vec<Vec<f64>>,
     /// Ending of the episode.
@@ -68,7 +68,7 @@ pub struct Episode {
 }
 
 impl Episode {
-    /// Adds the observations of the seats and, of several seats, the full state.
+    /// Adds the observations of the seats and, for several seats, the full state.
     pub fn see(&mut self, environment: &dyn Environment, seats: &[Vec<f64>]) {
         self.observations.push(seats.concat());
         if seats.len() > 1 {
@@ -110,7 +110,7 @@ impl Dataset {
     /// Reads the dataset in a trial's folder.
     ///
     /// # Errors
-    /// [`Error::File`] where a file is missing, [`Error::Damaged`] where one is damaged.
+    /// [`Error::File`] if a file is missing, [`Error::Damaged`] if one is damaged.
     pub fn read(trial: &Path) -> Result<Self, Error> {
         Self::read_from(&trial.join(FOLDER))
     }
@@ -118,7 +118,7 @@ impl Dataset {
     /// Reads the dataset that lies in a folder.
     ///
     /// # Errors
-    /// As [`read`](Self::read).
+    /// The errors of [`read`](Self::read).
     pub fn read_from(folder: &Path) -> Result<Self, Error> {
         let interface: Interface = read_json(&folder.join(INTERFACE))?;
         let totals: minari::Totals = read_json(&folder.join(minari::METADATA))?;
@@ -146,7 +146,7 @@ impl Dataset {
     /// of observations may differ.
     ///
     /// # Errors
-    /// As [`read`](Self::read), and [`Error::OtherInterface`] for a dataset of another environment.
+    /// The errors of [`read`](Self::read), and [`Error::OtherInterface`] for a dataset of another environment.
     pub fn read_for(trial: &Path, here: &Interface) -> Result<Self, Error> {
         let read = Self::read(trial)?;
         match interface::difference(&read.interface, here) {
@@ -166,7 +166,7 @@ impl Dataset {
     /// Writes a dataset without episodes.
     ///
     /// # Errors
-    /// As [`DatasetWriter::create`].
+    /// The errors of [`DatasetWriter::create`].
     pub fn write_empty(trial: &Path, interface: &Interface) -> Result<(), Error> {
         DatasetWriter::create(trial, interface)?.finish()
     }
@@ -174,7 +174,7 @@ impl Dataset {
     /// The decisions of all episodes, in order.
     ///
     /// # Errors
-    /// [`Error::MixedSeats`], which no dataset that was read has.
+    /// [`Error::MixedSeats`], which cannot occur for a dataset that was read.
     pub fn transitions(&self) -> Result<Vec<Transition>, Error> {
         let layout = Layout::of(&self.interface)?;
         let of_episode = |episode| layout.transitions(episode);
@@ -182,17 +182,17 @@ impl Dataset {
     }
 }
 
-/// The id that Minari gives a dataset in a folder at `place` below its root; `None` where its name is no id.
+/// The id that Minari gives a dataset in a folder at `place` below its root; `None` if its name is no id.
 #[must_use]
 pub fn id_of(place: &Path) -> Option<String> {
     minari::id_of(place)
 }
 
-/// Writes the id, where there is one, and the size of the dataset in a folder, for programs that look datasets up by
+/// Writes the id, if there is one, and the size of the dataset into its folder, for programs that find datasets by
 /// these.
 ///
 /// # Errors
-/// As [`Dataset::read_from`].
+/// The errors of [`Dataset::read_from`].
 pub fn name(folder: &Path, id: Option<&str>) -> Result<(), Error> {
     let path = folder.join(minari::METADATA);
     let totals: minari::Totals = read_json(&path)?;
@@ -207,7 +207,7 @@ pub fn name(folder: &Path, id: Option<&str>) -> Result<(), Error> {
     write_json(&path, &minari::named(read_json(&path)?, id, bytes))
 }
 
-/// Writes a dataset episode by episode. Readers find none before [`finish`](Self::finish).
+/// Writes a dataset episode by episode. Readers find no dataset before [`finish`](Self::finish).
 #[derive(Debug)]
 pub struct DatasetWriter {
     folder: PathBuf,
@@ -217,10 +217,10 @@ pub struct DatasetWriter {
 }
 
 impl DatasetWriter {
-    /// Begins a dataset in a trial's folder; one that is there is removed.
+    /// Begins a dataset in a trial's folder; removes an existing one.
     ///
     /// # Errors
-    /// As [`can_hold`], and [`Error::File`] where the folder cannot be written.
+    /// The errors of [`can_hold`], and [`Error::File`] if the folder cannot be written.
     pub fn create(trial: &Path, interface: &Interface) -> Result<Self, Error> {
         let folder = trial.join(FOLDER);
         can_hold(interface)?;
@@ -230,10 +230,10 @@ impl DatasetWriter {
         Self::at(&folder, interface)
     }
 
-    /// Begins a dataset in a folder that holds none.
+    /// Begins a dataset in a folder that contains none.
     ///
     /// # Errors
-    /// As [`create`](Self::create).
+    /// The errors of [`create`](Self::create).
     pub fn at(folder: &Path, interface: &Interface) -> Result<Self, Error> {
         can_hold(interface)?;
         let (folder, interface) = (folder.to_owned(), interface.clone());
@@ -251,8 +251,7 @@ impl DatasetWriter {
     /// Adds an episode.
     ///
     /// # Errors
-    /// [`Error::Damaged`] for an episode whose lengths do not fit the interface, and where a file cannot be
-    /// written.
+    /// [`Error::Damaged`] for an episode whose lengths do not fit the interface, and errors of writing a file.
     pub fn episode(&mut self, episode: &Episode) -> Result<(), Error> {
         let path = self.folder.join(minari::episode_file(self.totals.total_episodes));
         let layout = Layout::of(&self.interface)?;
@@ -274,10 +273,10 @@ impl DatasetWriter {
         Ok(())
     }
 
-    /// Writes the numbers of episodes and steps: the dataset is complete then.
+    /// Writes the numbers of episodes and steps, which completes the dataset.
     ///
     /// # Errors
-    /// Where a file cannot be written.
+    /// A file cannot be written.
     pub fn finish(self) -> Result<(), Error> {
         write_json(
             &self.folder.join(minari::METADATA),
@@ -287,7 +286,7 @@ impl DatasetWriter {
 }
 
 fn write_json(path: &Path, content: &impl Serialize) -> Result<(), Error> {
-    // Structs of numbers, words and lists always make JSON.
+    // Structs of numbers, strings and lists can always be written as JSON.
     let text = serde_json::to_string_pretty(content).expect("it serialises");
     fs::write(path, text).map_err(Error::file("write", path))
 }

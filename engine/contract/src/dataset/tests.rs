@@ -1,4 +1,5 @@
-//! Datasets come back to the bit, are the same bytes each time, and damaged ones are named by their fault.
+//! Datasets are read back bit by bit and written with the same bytes each time, and errors name the fault of damaged
+//! ones.
 
 use super::{Dataset, DatasetWriter, Episode, FOLDER};
 use crate::{Channel, End, Error, Interface, Seat, Space};
@@ -352,7 +353,7 @@ fn vectors(space: &Space, count: usize) -> BoxedStrategy<Vec<Vec<f64>>> {
     proptest::collection::vec(proptest::collection::vec(entry, space.len()), count).boxed()
 }
 
-/// One to three seats, all of which choose or none, with a full state.
+/// One to three seats, with a full state; either all of them choose or none does.
 fn interfaces() -> impl Strategy<Value = Interface> {
     let alike = |spaces: &Vec<Space>| {
         let choices = spaces.iter().filter(|space| matches!(space, Space::Discrete(_)));
@@ -477,7 +478,7 @@ proptest! {
         let trial = tempfile::tempdir().unwrap();
         write(trial.path(), &dataset.interface, &dataset.episodes);
         let read = Dataset::read_for(trial.path(), &dataset.interface).unwrap();
-        // Debug text tells -0 from 0.
+        // Debug text distinguishes -0 from 0.
         prop_assert_eq!(format!("{read:?}"), format!("{dataset:?}"));
     }
 }

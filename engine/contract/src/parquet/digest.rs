@@ -1,5 +1,5 @@
-//! A digest of the values in a file: the same for the same columns with the same cells in the same order, whichever
-//! library, codec and version wrote the file.
+//! A digest of the values in a file. It is the same for the same columns with the same cells in the same order,
+//! independent of the library, codec and version that wrote the file.
 
 use super::{NullableValues, ParquetColumn, ParquetTable};
 use crate::{Error, digest, panics};
@@ -11,7 +11,7 @@ const FORMAT: &[u8] = b"regimen values 1\n";
 /// The [digest](digest::of_bytes) of the values in the bytes of a file.
 ///
 /// # Errors
-/// [`Error::Damaged`] where it is no such file.
+/// [`Error::Damaged`] if it is no such file.
 pub fn values_digest(bytes: Vec<u8>, path: &Path) -> Result<String, Error> {
     let table = panics::or_damaged(path, || ParquetTable::decode(bytes, path))?;
     let mut values = FORMAT.to_vec();
@@ -37,7 +37,7 @@ fn push_column(to: &mut Vec<u8>, column: &ParquetColumn) {
     }
 }
 
-/// The number of the cells; then for an empty cell a 0, for another one a 1 and its value.
+/// The number of cells, then 0 for each empty cell, and 1 and the value for each other cell.
 fn push_cells<T>(to: &mut Vec<u8>, cells: &NullableValues<T>, value: impl Fn(&mut Vec<u8>, &T)) {
     push_count(to, cells.len());
     for cell in cells.iter() {
@@ -79,7 +79,7 @@ mod tests {
         values_digest(encode(path, columns, &entries).unwrap(), path).unwrap()
     }
 
-    /// Receipts of verifications hold it: another one is another [`FORMAT`].
+    /// Receipts of verifications contain the digest, so a changed digest requires a new [`FORMAT`].
     #[test]
     fn the_digest_of_a_table_stays() {
         let columns = vec![

@@ -1,7 +1,7 @@
-//! Tables of columns in Parquet files; the only folder that names `parquet`.
+//! Tables of columns in Parquet files; the only folder that uses the crate `parquet`.
 //!
 //! The same table always makes the same bytes. Two files with the same values have the same [`values_digest`],
-//! whichever library and codec wrote them.
+//! independent of the library and codec that wrote them.
 
 mod digest;
 mod reading;
@@ -19,7 +19,7 @@ use std::path::Path;
 /// The cells of a column.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Values<'a> {
-    /// Words without empty cells.
+    /// Strings without empty cells.
     Text(Vec<&'a str>),
     /// Counts, as 64-bit numbers.
     U64(Vec<u64>),
@@ -35,15 +35,15 @@ pub enum Values<'a> {
     Vectors(Vec<&'a [f64]>),
     /// A vector of whole numbers in every row.
     WholeVectors(Vec<Vec<i64>>),
-    /// Words, with cells that are empty.
+    /// Strings, with cells that may be empty.
     MaybeText(Vec<Option<&'a str>>),
-    /// Counts, with cells that are empty.
+    /// Counts, with cells that may be empty.
     MaybeU64(Vec<Option<u64>>),
-    /// Whole numbers, with cells that are empty.
+    /// Whole numbers, with cells that may be empty.
     MaybeI64(Vec<Option<i64>>),
-    /// Numbers, with cells that are empty.
+    /// Numbers, with cells that may be empty.
     MaybeF64(Vec<Option<f64>>),
-    /// Truth values, with cells that are empty.
+    /// Truth values, with cells that may be empty.
     MaybeBool(Vec<Option<bool>>),
 }
 
@@ -78,7 +78,7 @@ impl Values<'_> {
     }
 }
 
-/// A file that was read. Its columns are asked for by name and kind; a cell that is empty is `None`.
+/// A file that was read. Its columns are requested by name and kind; an empty cell is `None`.
 pub struct ParquetTable<'a> {
     columns: Vec<(String, ParquetColumn)>,
     path: &'a Path,
@@ -95,14 +95,14 @@ enum ParquetColumn {
     Bool(NullableValues<bool>),
     /// A row that is empty or has an empty entry is `None`.
     Vectors(Vec<Option<Vec<f64>>>),
-    /// As [`Vectors`](Self::Vectors), for whole numbers.
+    /// Like [`Vectors`](Self::Vectors), for whole numbers.
     WholeVectors(Vec<Option<Vec<i64>>>),
-    /// Values of another kind, in words: they are not read.
+    /// Name of the kind of values that are not read.
     Other(String),
 }
 
 impl ParquetColumn {
-    /// Its kind in words.
+    /// Name of its kind.
     fn kind(&self) -> &str {
         match self {
             Self::Text(_) => "text",
@@ -122,19 +122,19 @@ impl<'a> ParquetTable<'a> {
     /// Reads a file of [`encode`], or of another program.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where it is no such file.
+    /// [`Error::Damaged`] if it is no such file.
     pub fn decode(bytes: Vec<u8>, path: &'a Path) -> Result<Self, Error> {
         let columns = reading::columns(bytes).map_err(|source| unreadable(path, &source))?;
         Ok(Self { columns, path })
     }
 
-    /// Words; an empty cell is `None`.
+    /// Strings; an empty cell is `None`.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the column is missing or of another type.
+    /// [`Error::Damaged`] if the column is missing or of another type.
     pub fn texts(&self, name: &str) -> Result<impl Iterator<Item = Option<&str>>, Error> {
         match self.column(name)? {
-            // Text that is not UTF-8 is refused where the column is read.
+            // Text that is not UTF-8 is refused when the column is read.
             ParquetColumn::Text(cells) => Ok(cells.iter().map(|it| it.and_then(|it| it.as_utf8().ok()))),
             other => Err(self.mismatch(name, other, "text")),
         }
@@ -143,7 +143,7 @@ impl<'a> ParquetTable<'a> {
     /// Counts; an empty cell is `None`.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the column is missing or of another type.
+    /// [`Error::Damaged`] if the column is missing or of another type.
     pub fn u64s(&self, name: &str) -> Result<impl Iterator<Item = Option<u64>>, Error> {
         match self.column(name)? {
             ParquetColumn::U64(cells) => Ok(cells.iter().map(Option::<&u64>::copied)),
@@ -154,7 +154,7 @@ impl<'a> ParquetTable<'a> {
     /// Small counts; an empty cell is `None`.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the column is missing or of another type.
+    /// [`Error::Damaged`] if the column is missing or of another type.
     pub fn u32s(&self, name: &str) -> Result<impl Iterator<Item = Option<u32>>, Error> {
         match self.column(name)? {
             ParquetColumn::U32(cells) => Ok(cells.iter().map(Option::<&u32>::copied)),
@@ -165,7 +165,7 @@ impl<'a> ParquetTable<'a> {
     /// Whole numbers; an empty cell is `None`.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the column is missing or of another type.
+    /// [`Error::Damaged`] if the column is missing or of another type.
     pub fn i64s(&self, name: &str) -> Result<impl Iterator<Item = Option<i64>>, Error> {
         match self.column(name)? {
             ParquetColumn::I64(cells) => Ok(cells.iter().map(Option::<&i64>::copied)),
@@ -176,7 +176,7 @@ impl<'a> ParquetTable<'a> {
     /// Numbers; an empty cell is `None`.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the column is missing or of another type.
+    /// [`Error::Damaged`] if the column is missing or of another type.
     pub fn f64s(&self, name: &str) -> Result<impl Iterator<Item = Option<f64>>, Error> {
         match self.column(name)? {
             ParquetColumn::F64(cells) => Ok(cells.iter().map(Option::<&f64>::copied)),
@@ -187,7 +187,7 @@ impl<'a> ParquetTable<'a> {
     /// Truth values; an empty cell is `None`.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the column is missing or of another type.
+    /// [`Error::Damaged`] if the column is missing or of another type.
     pub fn bools(&self, name: &str) -> Result<impl Iterator<Item = Option<bool>>, Error> {
         match self.column(name)? {
             ParquetColumn::Bool(cells) => Ok(cells.iter().map(Option::<&bool>::copied)),
@@ -198,7 +198,7 @@ impl<'a> ParquetTable<'a> {
     /// Vectors of numbers; one with an empty entry is `None`.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the column is missing or of another type.
+    /// [`Error::Damaged`] if the column is missing or of another type.
     pub fn vectors(&self, name: &str) -> Result<Vec<Option<Vec<f64>>>, Error> {
         match self.column(name)? {
             ParquetColumn::Vectors(rows) => Ok(rows.clone()),
@@ -209,7 +209,7 @@ impl<'a> ParquetTable<'a> {
     /// Vectors of whole numbers; one with an empty entry is `None`.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the column is missing or of another type.
+    /// [`Error::Damaged`] if the column is missing or of another type.
     pub fn whole_vectors(&self, name: &str) -> Result<Vec<Option<Vec<i64>>>, Error> {
         match self.column(name)? {
             ParquetColumn::WholeVectors(rows) => Ok(rows.clone()),
@@ -220,7 +220,7 @@ impl<'a> ParquetTable<'a> {
     /// A column of numbers of any kind.
     ///
     /// # Errors
-    /// [`Error::Input`] where it is missing or holds something else or nothing in some row.
+    /// [`Error::Input`] if it is missing, has another type or has an empty cell.
     #[allow(clippy::cast_precision_loss, reason = "a table's numbers are read as f64")]
     pub fn numbers(&self, name: &str) -> Result<Vec<f64>, Error> {
         let wrong = |row: Option<u64>, problem: String| Error::Input {
@@ -246,8 +246,8 @@ impl<'a> ParquetTable<'a> {
         (1..).zip(numbers).map(cell).collect()
     }
 
-    /// Every column of numbers, words or truth values with its cells as text, in the order of the file; an empty
-    /// cell is an empty text, and columns of other kinds are passed over. Numbers read back as they are.
+    /// Every column of numbers, strings or truth values with its cells as text, in the order of the file. An empty cell
+    /// is an empty text, and columns of other kinds are skipped. The text of a number reads back to the same number.
     pub fn as_texts(&self) -> Vec<(String, Vec<String>)> {
         let cells = |(name, column): &(String, ParquetColumn)| {
             let cells = match column {

@@ -1,4 +1,4 @@
-//! Reads the columns of a Parquet file, also of files of other programs: pandas, Spark, polars.
+//! Reads the columns of a Parquet file, including files of other programs: pandas, Spark, polars.
 
 use super::ParquetColumn;
 use bytes::Bytes;
@@ -19,7 +19,7 @@ use parquet::{
 pub(super) struct NullableValues<T> {
     /// Values of the cells that are not empty.
     values: Vec<T>,
-    /// Which cells are not empty.
+    /// Whether each cell has a value.
     filled: Vec<bool>,
 }
 
@@ -68,7 +68,7 @@ pub(super) fn columns(bytes: Vec<u8>) -> Result<Vec<(String, ParquetColumn)>, Pa
     Ok(columns)
 }
 
-/// Refuses a file that is compressed in a way that the program is built without.
+/// Refuses a file that uses a compression without which the program is built.
 fn refuse_codecs(file: &SerializedFileReader<Bytes>) -> Result<(), ParquetError> {
     let groups = file.metadata().row_groups().iter();
     let mut codecs = groups.flat_map(|group| group.columns().iter().map(ColumnChunkMetaData::compression));
@@ -80,7 +80,7 @@ fn refuse_codecs(file: &SerializedFileReader<Bytes>) -> Result<(), ParquetError>
     }
 }
 
-/// Of how many columns of plain values a field consists.
+/// Number of columns of plain values in a field.
 fn leaves_of(field: &Type) -> usize {
     if field.is_primitive() {
         return 1;
@@ -140,7 +140,7 @@ fn flat(
     })
 }
 
-/// How the values of a column are stored.
+/// Storage form of the values of a column.
 enum ColumnType {
     Text,
     Truth,
@@ -202,15 +202,15 @@ fn kind(column: &ColumnDescriptor) -> ColumnType {
     }
 }
 
-/// A column of plain values with its levels, which say where cells and lists are empty and where lists begin.
+/// A column of plain values with its levels, which show empty cells, empty lists and the beginnings of lists.
 struct Leaf<T> {
     values: Vec<T>,
     definition: Vec<i16>,
     repetition: Vec<i16>,
     rows: usize,
-    /// The definition level of a value that is there.
+    /// The definition level of an existing value.
     full: i16,
-    /// The definition level of an entry of a list, be it empty or not.
+    /// The definition level of an entry of a list, whether it is empty or not.
     entry: i16,
 }
 

@@ -15,14 +15,14 @@ use parquet::{
 };
 use std::{collections::BTreeSet, path::Path, sync::Arc};
 
-/// The writer's name in the file: without a version, so that a newer library writes the same bytes where it can.
+/// The writer's name in the file. It has no version, so that a newer library writes the same bytes if it can.
 const WRITER: &str = "regimen";
 const ZSTD_LEVEL: i32 = 3;
 
-/// A file with these columns and these entries beside them; `path` is named in errors.
+/// A file with these columns and these metadata entries; `path` is named in errors.
 ///
 /// # Errors
-/// [`Error::Damaged`] where the columns make no table.
+/// [`Error::Damaged`] if the columns make no table.
 pub fn encode(
     path: &Path,
     columns: Vec<(&str, Values<'_>)>,
@@ -34,7 +34,7 @@ pub fn encode(
     file(&columns, entries).map_err(|source| unreadable(path, &source))
 }
 
-/// Why the columns make no table.
+/// Reason why the columns make no table.
 fn misfit(columns: &[(&str, Values<'_>)]) -> Option<String> {
     let height = columns.first().map_or(0, |(_, values)| values.len());
     if let Some((name, values)) = columns.iter().find(|(_, values)| values.len() != height) {
@@ -101,7 +101,7 @@ fn field(name: &str, values: &Values<'_>) -> Result<Type, ParquetError> {
         .build()
 }
 
-/// A list in three levels, as the format's specification wants it.
+/// A list in three levels, as the format's specification requires.
 fn list(name: &str, of: Physical) -> Result<Type, ParquetError> {
     let element = Type::primitive_type_builder("element", of)
         .with_repetition(Repetition::REQUIRED)

@@ -1,4 +1,4 @@
-//! Measuring a policy: whole episodes, every one on random numbers of its own.
+//! Measurement of a policy: whole episodes, each with its own random numbers.
 
 use super::{
     Run, leave_drawings,
@@ -12,7 +12,7 @@ use serde::Serialize;
 use serde_json::Value;
 use std::{cell::RefCell, collections::BTreeMap};
 
-/// Episodes that are stepped together, so that the policy sees many rows at a time.
+/// Number of episodes that are stepped together, so that the policy gets many rows at a time.
 const ROWS: u64 = 256;
 
 /// The size of a measurement, and the name under which it is stored.
@@ -24,22 +24,22 @@ pub struct Measurement {
     pub step: u64,
     /// Number of episodes of the measurement.
     episodes: u64,
-    /// How many of them, from the first, are recorded step by step.
+    /// Number of its first episodes that are recorded step by step.
     traced: u64,
-    /// Name of the random streams of its episodes. Measurements of one name have the same episodes, whichever agent
-    /// plays them.
+    /// Name of the random streams of its episodes. Measurements with the same name have the same episodes, independent
+    /// of the agent.
     stream: String,
     /// Mode of the agent's actions.
     mode: Mode,
     /// Whether episodes are played one after the other, by every agent.
     one_by_one: bool,
-    /// Whether the environment's drawings of the last episode are left.
+    /// Whether the environment's drawings of the last episode are stored.
     drawn: bool,
 }
 
 impl Measurement {
-    /// The measurement number `index`, from 0, of those during learning. Each has episodes of its own, so
-    /// that a curve does not rest on the luck of one set of starts.
+    /// The measurement number `index`, from 0, of those during learning. Each has episodes of its own, so that a curve
+    /// does not depend on the luck of one set of starts.
     #[must_use]
     pub fn while_learning(index: u64, step: u64, episodes: u64) -> Self {
         Self {
@@ -54,7 +54,7 @@ impl Measurement {
         }
     }
 
-    /// The measurement at the end, the first `traced` of its episodes recorded step by step.
+    /// The measurement at the end, with its first `traced` episodes recorded step by step.
     #[must_use]
     pub fn at_the_end(step: u64, episodes: u64, traced: u64) -> Self {
         Self {
@@ -78,13 +78,13 @@ impl Measurement {
         }
     }
 
-    /// The same, which leaves the environment's drawings of its last episode.
+    /// The same measurement, which also stores the environment's drawings of its last episode.
     #[must_use]
     pub fn with_drawings(self) -> Self {
         Self { drawn: true, ..self }
     }
 
-    /// Episodes that are stepped together by an agent: one, where it remembers.
+    /// Number of episodes that an agent steps together: one, if it remembers.
     fn together(&self, agent: &dyn Agent) -> u64 {
         if self.one_by_one || agent.remembers() {
             1
@@ -93,7 +93,7 @@ impl Measurement {
         }
     }
 
-    /// Episodes to be learned from, on streams of their own: none is met again where agents are measured.
+    /// Episodes to learn from, on streams of their own: none of them occurs again in a measurement.
     #[must_use]
     pub fn to_gather(episodes: u64, mode: Mode) -> Self {
         Self {
@@ -109,7 +109,7 @@ impl Measurement {
     }
 }
 
-/// One episode under way.
+/// One episode that has not ended.
 struct Episode {
     slot: usize,
     index: u64,
@@ -129,9 +129,9 @@ pub type Kept = RefCell<BTreeMap<u64, dataset::Episode>>;
 /// Runs the episodes and records return, length, the environment's metrics and those of the agent's decisions
 /// of each.
 ///
-/// Episode `k` of a measurement starts and goes on with the same random numbers for every agent. Before every block of
-/// episodes the trial can be stopped: `learning` gives the state that learning needs then, and the [`Position`] of the
-/// checkpoint gives the `blocks` to continue from; `None` begins the measurement.
+/// Episode `k` of a measurement starts and continues with the same random numbers for every agent. The trial can be
+/// stopped before every block of episodes. `learning` then gives the state that learning needs, and the [`Position`] of
+/// the checkpoint gives the `blocks` from which to continue; `None` begins the measurement.
 ///
 /// # Errors
 /// [`Error::Stopped`] between two blocks, and errors of the environment and the agent.
@@ -144,10 +144,10 @@ pub fn measure<L: Serialize>(
     measure_and_keep(run, what, blocks, learning, None)
 }
 
-/// As [`measure`]; every episode goes into `kept` when it ends.
+/// Like [`measure`]; every episode is also added to `kept` when it ends.
 ///
 /// # Errors
-/// As [`measure`].
+/// The errors of [`measure`].
 pub fn measure_and_keep<L: Serialize>(
     run: &mut Run<'_>,
     what: &Measurement,
@@ -199,10 +199,11 @@ pub fn measure_and_keep<L: Serialize>(
 }
 
 /// Measures an agent that does not learn, at every step at which a learning agent is measured. `episodes` is the number
-/// of all measurements together, for progress. To be called first: it goes on from a checkpoint by itself.
+/// of episodes of all measurements together, for progress. It must be called first, and resumes from a checkpoint by
+/// itself.
 ///
 /// # Errors
-/// As [`measure`].
+/// The errors of [`measure`].
 pub fn measure_alone(
     run: &mut Run<'_>,
     measurements: impl Iterator<Item = Measurement>,
@@ -223,7 +224,7 @@ pub fn measure_alone(
     Ok(())
 }
 
-/// Measures again as at the end of a trial that made `step` training steps, until the block of episodes with
+/// Repeats the measurement at the end of a trial that made `step` training steps, until the block of episodes with
 /// `episode` is done.
 ///
 /// # Errors
@@ -239,11 +240,11 @@ pub fn replay(run: &mut Run<'_>, step: u64, episodes: u64, episode: u64) -> Resu
     measure(run, &what, None, || None::<()>)
 }
 
-/// Environments, each free while it plays no episode.
+/// Environments; each is free while it plays no episode.
 type Pool = Vec<Option<Box<dyn Environment>>>;
 
-/// Slot r plays episodes r, r + rows, r + 2 rows, ...: environments are made once, and one that wears does so
-/// in the same way, independently of other slots.
+/// Slot r plays episodes r, r + rows, r + 2 rows, ...: environments are made once, and one whose state wears does so in
+/// the same way, independently of other slots.
 fn open_pool(run: &Run<'_>, rows: u64, snapshots: &[Value]) -> Result<Pool, Error> {
     if snapshots.is_empty() {
         return (0..rows).map(|_| (run.make_environment)().map(Some)).collect();
@@ -303,8 +304,8 @@ fn start(
     Ok(episode)
 }
 
-/// Steps every active episode once; gives back those that go on and puts the environments of the others back
-/// in the pool.
+/// Steps every active episode once; returns those that continue, and returns the environments of the others to the
+/// pool.
 fn advance(
     run: &mut Run<'_>,
     what: &Measurement,
@@ -337,7 +338,7 @@ fn advance(
     Ok(going_on)
 }
 
-/// Steps the environment of an episode once and adds its results; gives how the episode ended, if it did.
+/// Steps the environment of an episode once and adds its results; returns the end of the episode, if it ended.
 fn step(run: &Run<'_>, episode: &mut Episode, action: &Action) -> Result<Option<End>, Error> {
     let step = episode.environment.step(action, &mut episode.rng)?;
     episode.decisions += 1;
@@ -351,7 +352,7 @@ fn step(run: &Run<'_>, episode: &mut Episode, action: &Action) -> Result<Option<
     Ok(step.end)
 }
 
-/// Records an episode that ended, and leaves the drawings of the last one and the transitions that are kept.
+/// Records an episode that ended, and stores the drawings of the last one and the transitions that are kept.
 fn leave(
     run: &mut Run<'_>,
     what: &Measurement,
@@ -374,7 +375,7 @@ fn add(sums: &mut [f64], values: &[f64]) {
     sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
 }
 
-/// The agent's actions. How long it took for those of the final measurement is kept beside the rows.
+/// The agent's actions. The time of those of the final measurement is kept beside the rows.
 fn decide(
     run: &mut Run<'_>,
     what: &Measurement,
@@ -389,7 +390,7 @@ fn decide(
     Ok(actions)
 }
 
-/// The observation of an agent whose seats see `seats`: with the environment's full state where it reads that.
+/// The observation of an agent whose seats observe `seats`, with the environment's full state if the agent reads it.
 pub fn observe(agent: &dyn Agent, environment: &dyn Environment, seats: Vec<Vec<f64>>) -> Observation {
     let state = if agent.reads_state() {
         environment.state()
@@ -437,7 +438,7 @@ fn trace(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
     }
     let channels = episode.environment.trace_channels();
     for (channel, value) in channels.iter().zip(episode.environment.trace()) {
-        // There is no value yet, as of an action before the first decision.
+        // There is no value yet, for instance for an action before the first decision.
         if !value.is_nan() {
             run.record.add(
                 Phase::Trace,
@@ -451,10 +452,10 @@ fn trace(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
     }
 }
 
-/// Records the environment's static trace, where it has one: a point per episode, all at step 0.
+/// Records the environment's static trace, if it has one: a point per episode, all at step 0.
 ///
 /// # Errors
-/// Where the environment cannot be made.
+/// The environment cannot be made.
 pub fn record_static_trace(run: &mut Run<'_>) -> Result<(), Error> {
     let Some(trace) = (run.make_environment)()?.static_trace() else {
         return Ok(());
@@ -467,7 +468,7 @@ pub fn record_static_trace(run: &mut Run<'_>) -> Result<(), Error> {
     Ok(())
 }
 
-/// Metrics that every protocol that measures episodes records besides those of environment and agent.
+/// Metrics that every protocol which measures episodes records besides those of environment and agent.
 #[must_use]
 pub fn metrics() -> Vec<Metric> {
     vec![

@@ -1,5 +1,5 @@
-//! Continuation of learning in another trial: the [checkpoint](ArtifactKind::Checkpoint) that a trial leaves, and how
-//! another one takes it up.
+//! Continuation of learning in another trial: the [checkpoint](ArtifactKind::Checkpoint) that a trial leaves, and its
+//! use by another one.
 //!
 //! ```text
 //! <trial's folder>/checkpoint/state.json        state of the protocol, and means that are not recorded yet
@@ -25,10 +25,10 @@ struct ProtocolCheckpoint {
     running: Running,
 }
 
-/// Writes a checkpoint into the folder of a trial whose learning is over; nothing where no folder is kept.
+/// Writes a checkpoint into the folder of a trial whose learning is over; does nothing if no folder is kept.
 ///
 /// # Errors
-/// Where a file cannot be written.
+/// A file cannot be written.
 pub fn leave(run: &Run<'_>, protocol: &impl Serialize) -> Result<(), Error> {
     let Some(trial) = run.folder else { return Ok(()) };
     let learned = |row: &&crate::recorder::Row| matches!(row.phase, Phase::Train | Phase::Evaluate);
@@ -38,18 +38,18 @@ pub fn leave(run: &Run<'_>, protocol: &impl Serialize) -> Result<(), Error> {
     write(trial, protocol, &*run.agent, &record).map_err(Error::of_store)
 }
 
-/// Writes the checkpoint of learning that has not begun, in which no protocol could go on: `check` uses it to try
-/// whether an agent takes one up.
+/// Writes the checkpoint of learning that has not begun, from which no protocol could continue: `check` uses it to test
+/// whether an agent accepts one.
 ///
 /// # Errors
-/// Where a file cannot be written.
+/// A file cannot be written.
 pub fn write_specimen(trial: &Path, agent: &dyn Agent) -> Result<(), Error> {
     write(trial, &Value::Null, agent, &Recorder::default())
 }
 
 fn write(trial: &Path, protocol: &impl Serialize, agent: &dyn Agent, record: &Recorder) -> Result<(), Error> {
     let folder = trial.join(CHECKPOINT);
-    // An attempt that was interrupted may have left something.
+    // An attempt that was interrupted may have left files.
     if let Err(source) = fs::remove_dir_all(&folder)
         && source.kind() != io::ErrorKind::NotFound
     {
@@ -70,10 +70,10 @@ fn write(trial: &Path, protocol: &impl Serialize, agent: &dyn Agent, record: &Re
     fs::write(&path, text).map_err(Error::file("write", &path))
 }
 
-/// Takes up a checkpoint: agent and record are then as they were where it was left. Gives the protocol's state.
+/// Loads a checkpoint: agent and record then have the state in which they were left. Returns the protocol's state.
 ///
 /// # Errors
-/// [`Error::Source`] where it is not at hand, and where it does not fit the agent or the protocol.
+/// [`Error::Source`] if it is not available, or if it does not fit the agent or the protocol.
 pub fn take_up<S: DeserializeOwned>(run: &mut Run<'_>, artifact: &Artifact<Checkpoint>) -> Result<S, Error> {
     let trial = artifact.folder()?;
     load_agent(&mut *run.agent, trial)
@@ -88,10 +88,10 @@ pub fn take_up<S: DeserializeOwned>(run: &mut Run<'_>, artifact: &Artifact<Check
     serde_json::from_value(state.protocol).map_err(|source| misfit(artifact, &source))
 }
 
-/// Lets an agent take up the checkpoint in the folder of another trial.
+/// Loads the checkpoint in the folder of another trial into an agent.
 ///
 /// # Errors
-/// The error of an agent that it does not fit.
+/// The error of an agent that the checkpoint does not fit.
 pub fn load_agent(agent: &mut dyn Agent, trial: &Path) -> Result<(), Error> {
     agent.load(&trial.join(CHECKPOINT).join(CHECKPOINT_AGENT))
 }

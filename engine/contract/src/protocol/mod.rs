@@ -1,8 +1,8 @@
-//! Protocols: how one trial runs.
+//! Protocols: the course of one trial.
 //!
-//! A protocol implements [`Protocol`] and is registered like any other plugin. Its parts stand here: [`measure`] runs a
-//! [`Measurement`], [`measure_alone`] runs those of an agent that does not learn, [`observe`] makes an
-//! observation, and a [`Position`] says where to go on.
+//! A protocol implements [`Protocol`] and is registered like any other plugin. Its building blocks are here:
+//! [`measure`] runs a [`Measurement`], [`measure_alone`] runs those of an agent that does not learn, [`observe`] makes
+//! an observation, and a [`Position`] gives the place to continue from.
 
 mod evaluation;
 mod going_on;
@@ -35,23 +35,22 @@ pub struct Run<'a> {
     pub streams: Streams,
     /// Record of the trial.
     pub record: Recorder,
-    /// Reports progress: steps done, steps in all.
+    /// Reports progress: steps done, and total steps.
     pub progress: &'a mut dyn FnMut(u64, u64),
-    /// The task of an agent that trains itself; the protocol says for how long.
+    /// The task of an agent that trains itself; the protocol sets its length.
     pub assignment: Assignment,
     /// Keeps the trial's state, so that it can continue in another process.
     pub keeper: &'a mut dyn Keeper,
-    /// Folder for artifacts that the protocol makes; `None` where only the record of the trial is kept.
+    /// Folder for artifacts that the protocol makes; `None` if only the record of the trial is kept.
     pub folder: Option<&'a Path>,
 }
 
 impl Run<'_> {
     /// The state that the protocol gave to [`checkpoint`](Self::checkpoint) in an earlier process; agent and record are
-    /// then as they were. `None` where the trial begins. To be called once, before anything else.
+    /// restored too. `None` at the beginning of the trial. It must be called once, before anything else.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] where it does not fit; [`TrialKey::run`](crate::trial::TrialKey::run) then
-    /// starts over.
+    /// [`Error::Checkpoint`] if it does not fit; [`TrialKey::run`](crate::trial::TrialKey::run) then starts over.
     pub fn resume<S: DeserializeOwned>(&mut self) -> Result<Option<S>, Error> {
         let state = self
             .keeper
@@ -60,7 +59,7 @@ impl Run<'_> {
         state.map(serde_json::from_value).transpose().map_err(misfit)
     }
 
-    /// Records how many updates the agent made so far; nothing for one that does not learn.
+    /// Records the number of updates that the agent made so far; records nothing for one that does not learn.
     pub fn record_updates(&mut self, phase: Phase, step: u64) {
         if let Some(updates) = self.agent.updates() {
             #[allow(clippy::cast_precision_loss, reason = "a count of updates is far below 2^52")]
@@ -68,16 +67,16 @@ impl Run<'_> {
         }
     }
 
-    /// A point at which the trial can continue: where a save is due, `state` gives all that the protocol needs besides
-    /// agent and record. Numbers that may not be finite belong into a field with [`exact`](crate::exact).
+    /// A point at which the trial can continue: if a save is due, `state` gives everything that the protocol needs
+    /// besides agent and record. Numbers that may not be finite belong in a field with [`exact`](crate::exact).
     ///
     /// # Errors
-    /// [`Error::Stopped`] where the trial is asked to stop, [`Error::NotFinite`] where the record holds a number that
-    /// is not finite, and where a file cannot be written.
+    /// [`Error::Stopped`] if the trial is asked to stop, [`Error::NotFinite`] if the record has a number that is not
+    /// finite, and errors of writing a file.
     pub fn checkpoint<S: Serialize>(&mut self, state: impl FnOnce() -> S) -> Result<(), Error> {
         self.record.all_finite()?;
         if self.agent.own_training().is_some() {
-            // Its checkpoint is its own business.
+            // The agent manages its own checkpoint.
             if self.keeper.stopping() {
                 return Err(Error::Stopped);
             }
@@ -99,12 +98,12 @@ impl Run<'_> {
     }
 }
 
-/// Writes the graph and the images of an environment after its last episode into a trial's folder, each where there is
-/// one; gives the kinds that were written.
+/// Writes the graph and the images of an environment after its last episode into a trial's folder, if it has them;
+/// returns the kinds that were written.
 ///
 /// # Errors
-/// Errors of the environment, [`Error::Drawing`] where a drawing cannot be drawn, and [`Error::Store`] where a file
-/// cannot be written.
+/// Errors of the environment, [`Error::Drawing`] if a drawing cannot be drawn, and [`Error::Store`] if a file cannot be
+/// written.
 pub fn leave_drawings(environment: &mut dyn Environment, folder: &Path) -> Result<Vec<ArtifactKind>, Error> {
     let mut left = Vec::new();
     if let Some(graph) = environment.graph() {
@@ -126,7 +125,7 @@ fn misfit(source: serde_json::Error) -> Error {
     }
 }
 
-/// How one trial runs, from the first step to the final measurement.
+/// The course of one trial, from the first step to the final measurement.
 pub trait Protocol: Send + Sync {
     /// Metrics that the protocol records besides those of the environment and the agent.
     fn metrics(&self) -> Vec<Metric>;
@@ -160,8 +159,8 @@ pub trait Protocol: Send + Sync {
         false
     }
 
-    /// Checks before a trial whether it can run in an environment with this interface and these metrics: `check` asks
-    /// with stubs for artifacts.
+    /// Checks before a trial whether it can run in an environment with this interface and these metrics; `check` calls
+    /// it with stubs for artifacts.
     ///
     /// # Errors
     /// The misfit, as [`run`](Self::run) would report it.
@@ -178,31 +177,31 @@ pub trait Protocol: Send + Sync {
     /// these.
     ///
     /// # Errors
-    /// Where a file cannot be written.
+    /// A file cannot be written.
     fn write_specimen(&self, _interface: &Interface, _folder: &Path) -> Result<(), Error> {
         Ok(())
     }
 
-    /// A config that can be run and is probably not meant: an [`Error::Config`] that names the key.
+    /// A config that can be run but is probably not intended: an [`Error::Config`] that names the key.
     fn doubt(&self) -> Option<Error> {
         None
     }
 
-    /// Steps in all, for progress and cost estimates.
+    /// Total number of steps, for progress and cost estimates.
     fn total_steps(&self) -> u64;
 
-    /// Whether it measures at this step while it goes on, so that a trial can pause there.
+    /// Whether it measures at this step before its end, so that a trial can pause there.
     fn measures_at(&self, _step: u64) -> bool {
         false
     }
 
-    /// Transitions that the agent is given to learn from, in all.
+    /// Total number of transitions that the agent is given to learn from.
     fn experience(&self) -> u64;
 
-    /// Runs the trial, from its start or from what [`Run::resume`] gives; the numbers are the same either
+    /// Runs the trial from its start or from the state that [`Run::resume`] returns; the numbers are the same either
     /// way.
     ///
-    /// [`Error::Stopped`] and [`Error::NotFinite`] out of [`Run::checkpoint`], and errors of the environment and the
+    /// [`Error::Stopped`] and [`Error::NotFinite`] from [`Run::checkpoint`], and errors of the environment and the
     /// agent.
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error>;
 }

@@ -1,9 +1,9 @@
 //! Checks a document against a JSON Schema and reports mistakes in plain words.
 //!
 //! It reads the schemas that schemars writes for plain structs and enums: `type`, `properties`, `required`,
-//! `additionalProperties`, `enum`, `const`, `oneOf` and `anyOf`, `$ref` into `$defs`, limits of numbers and lists.
-//! Besides these it knows `x-unit` (shown with ranges), `x-kind` (the kind of the keys or words of a place: `agent
-//! plugin`, `preset`) and two patterns of names.
+//! `additionalProperties`, `enum`, `const`, `oneOf` and `anyOf`, `$ref` into `$defs`, limits of numbers and lists. It
+//! also knows `x-unit` (shown with ranges), `x-kind` (the kind of the keys or words at a place: `agent plugin`,
+//! `preset`) and two patterns of names.
 
 mod numbers;
 mod view;
@@ -24,7 +24,7 @@ pub const SLUG: &str = "^[a-z0-9][a-z0-9._-]*$";
 pub const NAME: &str = "^[A-Za-z_][A-Za-z0-9_-]*$";
 /// Number of unknown keys of a mapping that are named; the message counts further ones.
 const MOST_UNKNOWN: usize = 20;
-/// Most characters of a name; names of files are made of several.
+/// Largest number of characters of a name, since names of files are composed of several names.
 const LONGEST_NAME: usize = 100;
 
 /// Keys of earlier studies and of other programs, with their names here.
@@ -37,7 +37,7 @@ const OTHER_NAMES: [(&str, &str); 6] = [
     ("n_trials", "settings"),
 ];
 
-/// Name of a key in this place; `None` where it has no other name.
+/// Name of a key at this place; `None` if it has no other name.
 fn renamed(key: &str, place: &View<'_>) -> Option<String> {
     let is_here = |name: &str| place.property_names().contains(&name);
     let (_, name) = OTHER_NAMES
@@ -46,10 +46,10 @@ fn renamed(key: &str, place: &View<'_>) -> Option<String> {
     Some(format!("it is called `{name}`"))
 }
 
-/// Where a value stands: its key's span and name, and its dotted path.
+/// Location of a value: its key's span and name, and its dotted path.
 #[derive(Debug, Clone)]
 pub struct At {
-    /// Span of the key, which errors about missing or unfit content point at.
+    /// Span of the key, to which errors about missing or unfit content refer.
     pub key: Span,
     /// Name of the value in messages; empty for the whole study.
     pub name: String,
@@ -111,8 +111,8 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Several alternatives have the type of the value: words and variants are taken together, so that the
-    /// message names all.
+    /// Checks a value that several alternatives allow by type: words and variants are combined, so that the message
+    /// names all of them.
     fn choose(&mut self, node: &Node, at: &At, places: &[&View<'_>], outer: &View<'_>) {
         if node.as_str().is_some() && places.iter().all(|place| !place.words().is_empty()) {
             let words: Vec<&str> = places.iter().flat_map(|place| place.words()).collect();
@@ -229,7 +229,7 @@ impl<'a> Checker<'a> {
         self.required(node, at, place, &unknown);
     }
 
-    /// Says which required keys are missing; one that was mistyped, or has another name here, is among the unknown.
+    /// Reports missing required keys; one that was mistyped, or has another name here, is among the unknown ones.
     fn required(&mut self, node: &Node, at: &At, place: &View<'_>, unknown: &[&Entry]) {
         let required = place
             .get("required")
@@ -503,7 +503,7 @@ fn advice(scalar: &Scalar, schema: &View<'_>, option: Option<&str>) -> Option<St
     }
 }
 
-/// The misfit of a text with one of the patterns of names; `None` where it fits.
+/// The misfit of a text with one of the patterns of names; `None` if it fits.
 pub fn mismatch(pattern: &str, text: &str) -> Option<&'static str> {
     if text.len() > LONGEST_NAME && [SLUG, NAME].contains(&pattern) {
         return Some("use at most 100 characters: names are parts of names of files");

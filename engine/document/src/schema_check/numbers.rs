@@ -1,11 +1,10 @@
-//! Advice on texts that stand where a number is wanted. The advice is the number that was meant; where a text can be
-//! read in two ways it names both, and where a text cannot be read there is none.
+//! Advice on texts at places where a number is required. The advice is the number that was intended. If a text can be
+//! read in two ways, it names both; if a text cannot be read, there is none.
 
 use super::View;
 use crate::{lookalikes, plain_number};
 
-/// The advice for `text`. `option` is the path of the key where it was given on the command line, as the value
-/// of `--set`.
+/// The advice for `text`. `option` is the path of the key if it was given on the command line, as the value of `--set`.
 pub(super) fn advice(text: &str, schema: &View<'_>, option: Option<&str>) -> Option<String> {
     let text = lookalikes::straightened(text.trim());
     let text = text.trim();
@@ -21,7 +20,7 @@ pub(super) fn advice(text: &str, schema: &View<'_>, option: Option<&str>) -> Opt
     if let Some(list) = list.as_ref().filter(|_| wanted.lists) {
         return Some(format!("write [{list}]"));
     }
-    // Three and more groups may be as many values.
+    // Three or more groups may be separate values.
     let commas = text.matches(',').count();
     let grouped = fitting(grouped(text)).filter(|_| list.is_none() || commas == 1);
     let decimal = fitting(with_decimal_comma(text)).filter(|_| commas == 1);
@@ -42,7 +41,7 @@ pub(super) fn advice(text: &str, schema: &View<'_>, option: Option<&str>) -> Opt
     }
 }
 
-/// The advice for a number with a fraction where a whole one is wanted.
+/// The advice for a number with a fraction where a whole one is required.
 pub(super) fn whole(text: &str) -> Option<String> {
     let value: f64 = text.parse().ok()?;
     let whole = (value.fract() == 0.0 && value.abs() < 9.0e15).then(|| format!("{value:.0}"));
@@ -54,7 +53,7 @@ pub(super) fn whole(text: &str) -> Option<String> {
     }
 }
 
-/// The numbers that a key takes.
+/// The numbers that a key accepts.
 struct AllowedNumbers {
     numbers: bool,
     lists: bool,
@@ -84,7 +83,7 @@ impl AllowedNumbers {
         }
     }
 
-    /// The text, where it is a number that the key takes.
+    /// The text, if it is a number that the key accepts.
     fn fitting<'t>(&self, text: &'t str) -> Option<&'t str> {
         let number = plain_number(text)?;
         let value = number.as_f64()?;
@@ -93,7 +92,7 @@ impl AllowedNumbers {
         (is_kind && self.limits.iter().any(is_in)).then_some(text)
     }
 
-    /// The largest value that the key takes.
+    /// The largest value that the key accepts.
     fn most(&self) -> f64 {
         self.limits
             .iter()
@@ -107,8 +106,8 @@ fn is_not_finite(text: &str) -> bool {
     ["inf", "infinity", "\u{221e}", "nan"].contains(&word.as_str())
 }
 
-/// Digits in groups of three, between which one and the same separator stands: `1,000`, `1 000`, `1'000`,
-/// `1.000.000`; and digits with underscores anywhere between them.
+/// Digits in groups of three, separated by the same sign: `1,000`, `1 000`, `1'000`, `1.000.000`; and digits with
+/// underscores anywhere between them.
 fn grouped(text: &str) -> Option<String> {
     let points = groups(text, '.').filter(|_| text.matches('.').count() > 1);
     points
@@ -170,7 +169,7 @@ fn underscored(text: &str) -> Option<String> {
         .then(|| text.replace('_', ""))
 }
 
-/// The number with a point where it has a comma.
+/// The number with a point instead of its comma.
 fn with_decimal_comma(text: &str) -> Option<String> {
     let (whole, rest) = text.split_once(',')?;
     let number = format!("{whole}.{rest}");
@@ -188,7 +187,7 @@ fn list(text: &str, wanted: &AllowedNumbers) -> Option<String> {
     fit.then(|| items.join(", "))
 }
 
-/// The number that a share in percent is, or a number of thousands (`k`) or millions (`M`).
+/// The number for a share in percent, or for a number of thousands (`k`) or millions (`M`).
 fn scaled(text: &str, wanted: &AllowedNumbers) -> Option<String> {
     let of = |digits: &str, scale: f64| {
         let digits = digits.trim_end();

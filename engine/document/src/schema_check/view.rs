@@ -1,9 +1,9 @@
-//! A JSON Schema read as a person would: references followed, alternatives listed, types and ranges in words.
+//! A JSON Schema as a reader understands it: references followed, alternatives listed, types and ranges as text.
 
 use crate::{Node, NodeKind};
 use serde_json::Value;
 
-/// A schema with its references followed: the outermost layer that has a keyword wins.
+/// A schema with its references followed; the outermost layer that has a keyword takes precedence.
 #[derive(Debug, Clone)]
 pub struct View<'a> {
     root: &'a Value,
@@ -11,11 +11,11 @@ pub struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    /// The schema `schema`, whose references point into `root`.
+    /// The schema `schema`, whose references refer to parts of `root`.
     #[must_use]
     pub fn new(root: &'a Value, schema: &'a Value) -> Self {
         let mut layers = vec![schema];
-        // A reference to itself ends here; no schema of ours nests references deeper.
+        // A reference to itself ends here; no schema of this program nests references deeper.
         while let Some(next) = layers
             .last()
             .and_then(|last| referenced(root, last))
@@ -40,7 +40,7 @@ impl<'a> View<'a> {
             .map_or_else(Vec::new, |map| map.keys().map(String::as_str).collect())
     }
 
-    /// The schema of the values under a key; `None` where the key is not allowed.
+    /// The schema of the values under a key; `None` if the key is not allowed.
     #[must_use]
     pub fn property(&self, key: &str) -> Option<View<'a>> {
         if let Some(found) = self.get("properties").and_then(|properties| properties.get(key)) {
@@ -63,7 +63,7 @@ impl<'a> View<'a> {
             .map(|schema| View::new(self.root, schema))
     }
 
-    /// The alternative schemas for a value; the schema itself where there is no choice.
+    /// The alternative schemas for a value; the schema itself if there is no choice.
     #[must_use]
     pub fn alternatives(&self) -> Vec<View<'a>> {
         let choice = self
@@ -127,7 +127,7 @@ impl<'a> View<'a> {
         self.types().contains(&"object") || self.types().is_empty()
     }
 
-    /// Allowed types; empty where any is.
+    /// Allowed types; empty if any is allowed.
     #[must_use]
     pub fn types(&self) -> Vec<&'a str> {
         match self.get("type") {
@@ -185,7 +185,7 @@ impl<'a> View<'a> {
         text[..end].to_string()
     }
 
-    /// The range of a number in words: `from 0 to 1`; empty where every number is allowed.
+    /// The range of a number as text, such as `from 0 to 1`; empty if every number is allowed.
     #[must_use]
     pub fn range(&self) -> String {
         let limit = |keyword: &str, word: &str| {
@@ -205,7 +205,7 @@ impl<'a> View<'a> {
             .join(" and ")
     }
 
-    /// The expected value, in words: `an integer at least 1`, `one of ...`.
+    /// The expected value, as text: `an integer at least 1`, `one of ...`.
     #[must_use]
     pub fn expected(&self) -> String {
         let places = self.alternatives();

@@ -1,4 +1,4 @@
-//! From YAML text to a tree of nodes that know their line and column.
+//! Parses YAML text into a tree of nodes that know their line and column.
 //!
 //! Scalars follow the core schema of YAML 1.2: `1e-4` is a number, `yes` is a word. Documents are bounded: a file of a
 //! few lines cannot become millions of nodes through aliases, and no nesting exhausts the stack.
@@ -13,7 +13,8 @@ use serde_json::{Map, Value};
 
 /// Largest number of nodes in a document, aliases expanded.
 pub const MOST_NODES: usize = 200_000;
-/// Most bytes of keys and scalars in a document, aliases expanded; a document without aliases may have more.
+/// Largest number of bytes of keys and scalars in a document, aliases expanded; a document without aliases may have
+/// more.
 pub const MOST_BYTES: usize = 32_000_000;
 /// Number of mistakes in one document after which its reading ends.
 pub const MOST_MISTAKES: usize = 1000;
@@ -72,7 +73,7 @@ impl Node {
         }
     }
 
-    /// A number, word or truth value that stands for something written at `span`.
+    /// A number, word or truth value that represents something written at `span`.
     #[must_use]
     pub fn scalar(span: Span, value: Value) -> Self {
         let text = value.as_str().map_or_else(|| value.to_string(), String::from);
@@ -86,7 +87,7 @@ impl Node {
         }
     }
 
-    /// A value that stands for something written at `span`.
+    /// A value that represents something written at `span`.
     #[must_use]
     pub fn from_value(span: Span, value: &Value) -> Self {
         let below = |value: &Value| Self::from_value(span, value);
@@ -135,7 +136,7 @@ impl Node {
         self.entry(key).map(|entry| &entry.value)
     }
 
-    /// The entry with this key, made where there is none; a node of another kind becomes a mapping.
+    /// The entry with this key, created if there is none; a node of another kind becomes a mapping.
     pub fn entry_or_insert(&mut self, key: &str, key_span: Span) -> Option<&mut Entry> {
         if !matches!(self.kind, NodeKind::Mapping(_)) {
             self.kind = NodeKind::Mapping(Vec::new());
@@ -169,7 +170,7 @@ impl Node {
         }
     }
 
-    /// The same content as JSON, positions forgotten.
+    /// The same content as JSON, without positions.
     #[must_use]
     pub fn to_value(&self) -> Value {
         match &self.kind {
@@ -188,7 +189,7 @@ impl Node {
 /// Turns bytes into text.
 ///
 /// # Errors
-/// Where the bytes are no UTF-8: offset, line and column of the first wrong one.
+/// The bytes are no UTF-8; the error gives offset, line and column of the first wrong one.
 pub fn decode(name: &str, bytes: &[u8]) -> Result<String, Vec<Diagnostic>> {
     std::str::from_utf8(bytes)
         .map(|text| text.trim_start_matches('\u{feff}').to_string())

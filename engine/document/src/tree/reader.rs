@@ -9,7 +9,7 @@ use crate::{
 use saphyr_parser::{Event, Parser, ScalarStyle, StrInput, Tag};
 use std::{borrow::Cow, collections::BTreeMap};
 
-/// Reads events into nodes. Mistakes that leave the tree readable are collected, others end the reading.
+/// Reads events into nodes. Mistakes that leave the tree readable are collected; others end the reading.
 pub struct TreeReader<'a> {
     parser: Parser<'a, StrInput<'a>>,
     text: &'a str,
@@ -20,11 +20,11 @@ pub struct TreeReader<'a> {
     found: Vec<Diagnostic>,
 }
 
-/// The part of a document that was read, aliases expanded.
+/// Size of the part of a document that was read, aliases expanded.
 #[derive(Clone, Copy, Default)]
 struct Size {
     nodes: usize,
-    /// Of keys and scalars.
+    /// Number of bytes of keys and scalars.
     bytes: usize,
 }
 
@@ -145,7 +145,7 @@ impl<'a> TreeReader<'a> {
             );
             return error.help("replace each tab by spaces (two per level)");
         }
-        // The reader stops behind the last line where something is still open: show the last line instead.
+        // The reader stops after the last line if something is still open: show the last line instead.
         let (line, column) = match lines.len() {
             0 => (1, 1),
             last if line > last => (last, lines[last - 1].chars().count() + 1),
@@ -205,7 +205,7 @@ impl<'a> TreeReader<'a> {
         Ok(node)
     }
 
-    /// A scalar; the tag `!!str` makes a text of it, and every other one is refused.
+    /// A scalar; the tag `!!str` makes it a text, and every other tag is refused.
     fn scalar(
         &mut self,
         text: Cow<'a, str>,
@@ -226,7 +226,7 @@ impl<'a> TreeReader<'a> {
         NodeKind::Scalar(scalar(text.into_owned(), plain))
     }
 
-    /// A study is shown in terminals, on pages and in figures, which cannot show characters that are not text.
+    /// Refuses characters that are not text, since terminals, pages and figures, which show a study, cannot show them.
     fn refuse_control(&mut self, text: &str, span: Span) {
         if let Some(letter) = text.chars().find(|letter| is_unprintable(*letter)) {
             let message = format!(
@@ -240,7 +240,7 @@ impl<'a> TreeReader<'a> {
     }
 
     /// Refuses a letter that looks like a space, or is invisible, in a text without quotes: at its ends, and within a
-    /// key where no script needs it.
+    /// key unless a script needs it.
     fn refuse_invisible(&mut self, text: &str, span: Span, is_key: bool) {
         let last = text.chars().count().saturating_sub(1);
         let is_meant = |found: &Lookalike| {
@@ -259,7 +259,7 @@ impl<'a> TreeReader<'a> {
         }
     }
 
-    /// The first letter up to the line after `last` that looks like a space, or is invisible, where YAML wants a space.
+    /// The first letter up to the line after `last` that looks like a space, or is invisible, where YAML needs a space.
     fn invisible_structure(&self, lines: &[&str], last: usize) -> Option<Diagnostic> {
         let (line, found) = lines
             .iter()
@@ -381,7 +381,7 @@ impl<'a> TreeReader<'a> {
 }
 
 /// A letter of a line that looks like a sign of YAML: an invisible one at the beginning or beside a sign, or one that
-/// looks like a colon or a bracket. Remarks and texts in quotes are skipped.
+/// looks like a colon or a bracket. Comments and quotes are skipped.
 fn structural(line: &str) -> Option<Lookalike> {
     const SIGNS: &str = ":,-[]{}";
     let letters: Vec<char> = line.chars().collect();
@@ -412,7 +412,7 @@ fn structural(line: &str) -> Option<Lookalike> {
 }
 
 /// The last bracket that opens a list or mapping and has no partner. Brackets count only where a value can begin;
-/// quoted text and remarks are skipped.
+/// quoted text and comments are skipped.
 fn open_bracket(lines: &[&str]) -> Option<(usize, usize, char)> {
     let mut open = Vec::new();
     for (index, line) in lines.iter().enumerate() {

@@ -13,7 +13,7 @@ pub fn scalar(text: String, plain: bool) -> Scalar {
     Scalar { text, plain, value }
 }
 
-/// Numbers that are not finite stay text, since no key of a study takes one.
+/// Numbers that are not finite stay text, since no key of a study accepts one.
 fn core_schema(text: &str) -> Value {
     match text {
         "" | "~" | "null" | "Null" | "NULL" => Value::Null,
@@ -23,7 +23,7 @@ fn core_schema(text: &str) -> Value {
     }
 }
 
-/// The number that a text would be if it stood without quotes.
+/// The number that a text would be without quotes.
 #[must_use]
 pub fn plain_number(text: &str) -> Option<Number> {
     if let Some(digits) = text.strip_prefix("0x") {

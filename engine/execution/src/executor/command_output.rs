@@ -1,5 +1,4 @@
-//! Commands of a batch system: their answers, the time limit of each, and the wish to stop that interrupts
-//! them.
+//! Commands of a batch system: their answers, their time limits, and the stop request that interrupts them.
 
 use super::Error;
 use crate::world::{
@@ -19,15 +18,15 @@ use std::{
 
 /// Interval between two checks of whether a command has ended.
 const LOOK: Duration = Duration::from_millis(20);
-/// Time that a command may still take after the wish to stop: an answer that is under way is still read.
+/// Time that a command may still take after a stop request: an answer that is being given is still read.
 const GRACE: Duration = Duration::from_millis(300);
 
-/// Flag by which the caller asks every wait for an answer to stop.
+/// Flag with which the caller asks every wait for an answer to stop.
 #[derive(Debug, Clone, Default)]
 pub struct Stop(Arc<AtomicBool>);
 
 impl Stop {
-    /// The wish to stop that is raised when `flag` is set.
+    /// The stop request that is active once `flag` is set.
     #[must_use]
     pub fn on(flag: &Arc<AtomicBool>) -> Self {
         Self(Arc::clone(flag))
@@ -47,8 +46,8 @@ pub(crate) struct CommandOutput {
     pub(crate) err: Vec<u8>,
 }
 
-/// Runs a command to its end. A command that takes longer than `limit`, or is under way when `stop` is
-/// raised, is ended with all that it started.
+/// Runs a command to its end. A command that takes longer than `limit`, or is running when `stop` is raised, is ended
+/// with everything that it started.
 ///
 /// # Errors
 /// [`Error::NoProgram`], [`Error::Silent`] after the limit and [`Error::Interrupted`].
@@ -61,10 +60,10 @@ pub(super) fn ask(
     tell(program, command.stdin(Stdio::null()), limit, stop)
 }
 
-/// As [`ask`], for a command whose standard input is set already.
+/// Like [`ask`], for a command whose standard input is already set.
 ///
 /// # Errors
-/// As [`ask`].
+/// The errors of [`ask`].
 pub(crate) fn tell(
     program: &'static str,
     command: &mut Command,
@@ -72,8 +71,8 @@ pub(crate) fn tell(
     stop: &Stop,
 ) -> Result<CommandOutput, Error> {
     let missing = |source| Error::NoProgram { program, source };
-    // In a group of its own: Ctrl-C is for this program, which says what follows, and whatever the command
-    // starts can be ended with it.
+    // The command has a process group of its own: Ctrl-C reaches only this program, which reports what follows, and
+    // everything that the command starts can be ended with it.
     command.process_group(0);
     command.stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = command.spawn().map_err(missing)?;
@@ -96,7 +95,7 @@ pub(crate) fn tell(
     }
 }
 
-/// The bytes of a pipe, once it ends. The reader is a thread that nothing joins: a process that outlives its
+/// The bytes of a pipe, once it ends. The reader is a thread that is never joined, since a process that outlives its
 /// command may hold the pipe.
 fn heard(pipe: Option<impl Read + Send + 'static>) -> Receiver<Vec<u8>> {
     let (tell, told) = channel();
@@ -114,7 +113,7 @@ fn heard(pipe: Option<impl Read + Send + 'static>) -> Receiver<Vec<u8>> {
 struct Patience {
     begun: Instant,
     limit: Duration,
-    /// Moment at which the wish to stop was noticed.
+    /// Moment at which the stop request was noticed.
     stopped: Option<Instant>,
 }
 
@@ -157,7 +156,7 @@ impl Patience {
     }
 }
 
-/// Ends a command and all that it started.
+/// Ends a command and everything that it started.
 fn end(child: &mut Child) {
     end_group(child);
     let _ = child.wait();

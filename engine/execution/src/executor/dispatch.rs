@@ -1,10 +1,9 @@
-//! Keeping as many tasks in a queue as the missing trials are worth.
+//! Keeps the number of tasks in a queue that the missing trials need.
 //!
-//! The decision follows from three things: the trials that are missing in the store, the submissions in the
-//! store that are meant to compute them, and the tasks of these that the queue shows. So it makes no
-//! difference whether a task was cancelled, timed out, lost its node, or was forgotten by a controller that
-//! crashed: where too few tasks are left for the missing trials, more are submitted. Outcomes come from the
-//! store alone; no accounting database is asked.
+//! The decision depends on three things: the trials that are missing in the store, the submissions in the store that
+//! are meant to compute them, and their tasks as the queue shows them. It therefore makes no difference whether a task
+//! was cancelled, timed out, lost its node, or was forgotten by a controller that crashed: if too few tasks are left
+//! for the missing trials, more are submitted. Outcomes come only from the store; no accounting database is read.
 
 use super::{
     Array, Error, Executor, Queue, Stop, Submission, SubmissionState, Task, Wait, Way, Work, find, lock,
@@ -21,7 +20,7 @@ use std::{
 
 /// One run that computes its trials through a queue.
 pub struct Dispatch<'a> {
-    /// The registry, which knows the executors that took earlier submissions.
+    /// The registry, which contains the executors that took earlier submissions.
     pub registry: &'a Registry,
     /// Folder of the store, under a path that all machines see.
     pub store: PathBuf,
@@ -29,15 +28,15 @@ pub struct Dispatch<'a> {
     pub work: Work,
     /// The queue that takes submissions.
     pub queue: &'a dyn Queue,
-    /// Number of missing trials that are worth one task.
+    /// Number of missing trials for each task.
     pub trials_per_task: NonZeroUsize,
     /// Ids of all trials of the run, whether they are missing or not.
     pub trials: BTreeSet<String>,
-    /// The wish to stop, which ends a wait for the queue.
+    /// The stop request, which ends a wait for the queue.
     pub stop: Stop,
 }
 
-/// A submission and the tasks of it that its queue knows of.
+/// A submission and those of its tasks that its queue knows.
 #[derive(Debug, Clone)]
 pub struct Holding {
     /// The record of the submission in the store.
@@ -77,15 +76,15 @@ impl View {
     }
 }
 
-/// The open submissions of a store with their tasks; no queue is asked where there is none.
+/// The open submissions of a store with their tasks; no queue is asked if there are none.
 ///
 /// # Errors
-/// [`Error::Engine`] where a record cannot be read, and the errors of queues.
+/// [`Error::Engine`] if a record cannot be read, and the errors of queues.
 pub fn holdings(registry: &Registry, store: &Path, stop: &Stop) -> Result<Vec<Holding>, Error> {
     holdings_with(registry, store, None, stop)
 }
 
-/// As [`holdings`]; `own` is asked for the submissions that it took itself.
+/// Like [`holdings`]; `own` is asked for the submissions that it took itself.
 fn holdings_with(
     registry: &Registry,
     store: &Path,
@@ -142,7 +141,7 @@ fn asked<T>(
 /// The submissions of a store whose jobs may be queued or running.
 ///
 /// # Errors
-/// [`Error::Engine`] where a record cannot be read.
+/// [`Error::Engine`] if a record cannot be read.
 pub fn open(store: &Path) -> Result<Vec<Submission>, Error> {
     Ok(Submission::all(store)?
         .into_iter()
@@ -156,7 +155,7 @@ const LONGEST_WAIT: Duration = Duration::from_secs(600);
 /// Cancels every open submission that is meant to compute one of these trials and returns them.
 ///
 /// # Errors
-/// The errors of queues; the submission stays open then.
+/// The errors of queues; the submission then stays open.
 pub fn cancel(
     registry: &Registry,
     store: &Path,
@@ -183,7 +182,7 @@ impl Dispatch<'_> {
     /// State of the work on `missing`, and the number of tasks to add.
     ///
     /// # Errors
-    /// As [`holdings`].
+    /// The errors of [`holdings`].
     pub fn look(&self, missing: &BTreeSet<String>) -> Result<View, Error> {
         let (live, dead): (Vec<_>, Vec<_>) =
             holdings_with(self.registry, &self.store, Some(self.queue), &self.stop)?
@@ -206,19 +205,19 @@ impl Dispatch<'_> {
         Ok(view)
     }
 
-    /// Submits the tasks to add, so that the missing trials are being computed. Doing it twice, or in two
-    /// processes at a time, submits once: a living submission is found by its name.
+    /// Submits the tasks to add, so that the missing trials are being computed. Calling it twice, or in two processes
+    /// at a time, submits once: a living submission is found by its name.
     ///
     /// # Errors
-    /// As [`holdings`]; [`Error::Refused`] where the queue does not take the jobs.
+    /// The errors of [`holdings`]; [`Error::Refused`] if the queue does not take the jobs.
     pub fn ensure(&self, missing: &BTreeSet<String>, say: &mut dyn FnMut(&str)) -> Result<View, Error> {
         let (limit, stop) = (self.queue.patience(), &self.stop);
         let _held = lock(&self.store, Wait { limit, stop, say })?;
         let mut view = self.look(missing)?;
         let mut unsent = None;
         for mut submission in view.dead.drain(..) {
-            // A submission that no controller has confirmed is sent again under its name, unless it has more
-            // tasks than are needed by now; all others are over.
+            // A submission that no controller has confirmed is sent again under its name, unless it has more tasks than
+            // are needed by now; all others are closed.
             if unsent.is_none() && self.is_unsent(&submission) && submission.tasks() <= view.need {
                 unsent = Some(submission);
             } else {
@@ -255,8 +254,8 @@ impl Dispatch<'_> {
         Ok(submission)
     }
 
-    /// Hands the arrays over and records each job id as it comes. Scripts are written here and not with the
-    /// record: a process that died after the record may not have written them.
+    /// Submits the arrays and records each job id as it arrives. Scripts are written here instead of with the record,
+    /// since a process that died after the record may not have written them.
     fn send(&self, mut submission: Submission) -> Result<Submission, Error> {
         for array in 0..submission.arrays.len() {
             let script = self.queue.script(&submission, array);

@@ -1,4 +1,4 @@
-//! Waiting for trials that the tasks of a queue compute, and keeping enough tasks at them.
+//! Waits for trials that the tasks of a queue compute, and keeps enough tasks for them.
 
 use super::{Dispatch, Error, Stop, Submission, SubmissionState, Task, View};
 use crate::world::clock;
@@ -10,12 +10,12 @@ use std::{
 
 /// Interval between two checks of the store.
 const STORE_POLL: Duration = Duration::from_secs(1);
-/// Longest pause after questions that the queue did not answer, in seconds.
+/// Longest pause after requests that the queue did not answer, in seconds.
 const LONGEST_PAUSE_S: f64 = 60.0;
 /// Number of attempts at a first submission while the controller is busy.
 const FIRST_TRIES: u32 = 8;
 
-/// The side that waits: it knows the store and shows progress.
+/// The waiting side, which knows the store and shows progress.
 pub trait Watch {
     /// Ids of the trials that have not ended.
     fn missing(&mut self) -> BTreeSet<String>;
@@ -32,13 +32,13 @@ pub trait Watch {
 pub enum WaitEnd {
     /// Every trial has ended.
     Ended,
-    /// The wait was stopped; the jobs go on.
+    /// The wait was stopped; the jobs continue.
     Stopped,
     /// The submissions were cancelled.
     Cancelled,
 }
 
-/// Decides whether it makes sense to submit once more.
+/// Decides whether it makes sense to submit again.
 #[derive(Debug, Clone)]
 pub struct Patience {
     fruitless: usize,
@@ -47,12 +47,12 @@ pub struct Patience {
 }
 
 impl Patience {
-    /// Submissions in a row that may end within [`Self::QUICK_S`] without a trial.
+    /// Number of consecutive submissions that may end within [`Self::QUICK_S`] without a trial.
     const QUICK: usize = 4;
-    /// Workers that leave within this time, in seconds, count as having done nothing.
+    /// Workers that exit within this time, in seconds, count as having done nothing.
     const QUICK_S: f64 = 60.0;
 
-    /// Patience for `limit` submissions in a row that finish nothing.
+    /// Patience for `limit` consecutive submissions that finish nothing.
     #[must_use]
     pub fn new(limit: usize) -> Self {
         Self {
@@ -62,8 +62,7 @@ impl Patience {
         }
     }
 
-    /// Records the last submission: whether a trial ended or advanced since, and after how many seconds it
-    /// was over.
+    /// Records the last submission: whether a trial ended or advanced since, and the seconds after which it was over.
     pub fn note(&mut self, bore_fruit: bool, after_s: f64) {
         if bore_fruit {
             (self.fruitless, self.quick) = (0, 0);
@@ -77,8 +76,8 @@ impl Patience {
         };
     }
 
-    /// Number of polls to wait before the next submission. A trial whose worker's machine vanished is free
-    /// only after a while: workers that come too early find no trial and leave.
+    /// Number of polls to wait before the next submission. A trial whose worker's machine vanished becomes free only
+    /// after a while: workers that come too early find no trial and exit.
     #[must_use]
     pub fn polls_to_wait(&self) -> u32 {
         u32::try_from(self.quick)
@@ -87,7 +86,7 @@ impl Patience {
             .unwrap_or(0)
     }
 
-    /// The number of fruitless submissions in a row, once they are too many.
+    /// The number of consecutive fruitless submissions, once there are too many.
     #[must_use]
     pub fn is_over(&self) -> Option<usize> {
         (self.quick >= Self::QUICK || self.fruitless > self.limit).then_some(self.fruitless)
@@ -95,11 +94,11 @@ impl Patience {
 }
 
 impl Dispatch<'_> {
-    /// Submits the tasks to add, trying again while the controller is busy, and returns the state from which
-    /// the wait begins.
+    /// Submits the tasks to add, retries while the controller is busy, and returns the state from which the wait
+    /// begins.
     ///
     /// # Errors
-    /// As [`Dispatch::ensure`], and [`Error::Busy`] or [`Error::Silent`] after some minutes.
+    /// The errors of [`Dispatch::ensure`], and [`Error::Busy`] or [`Error::Silent`] after some minutes.
     pub fn begin(&self, missing: &BTreeSet<String>, watch: &mut dyn Watch) -> Result<View, Error> {
         let mut pause_s = 1.0;
         for _ in 1..FIRST_TRIES {
@@ -115,12 +114,11 @@ impl Dispatch<'_> {
         self.ensure(missing, &mut |text| watch.say(text))
     }
 
-    /// Waits until every trial has ended; submits again while tasks are too few for the missing trials.
+    /// Waits until every trial has ended; submits again while there are too few tasks for the missing trials.
     ///
     /// # Errors
-    /// [`Error::Fruitless`] where submissions end again and again without finishing a trial, and the errors
-    /// of [`Dispatch::ensure`] for a submission that is refused. A controller that does not answer is waited
-    /// for.
+    /// [`Error::Fruitless`] if submissions end again and again without finishing a trial, and the errors of
+    /// [`Dispatch::ensure`] for a submission that is refused. If a controller does not answer, the wait continues.
     pub fn follow(&self, begun: View, watch: &mut dyn Watch) -> Result<WaitEnd, Error> {
         let followed = begun.live.into_iter().map(|holding| holding.submission).collect();
         let mut follower = Follower {
@@ -151,7 +149,7 @@ impl Dispatch<'_> {
                 }
                 asked = clock::now();
             }
-            // A look at a large store on a slow disk is not repeated at once.
+            // A slow check of a large store is not repeated at once.
             rest(STORE_POLL.max(look * 5), &self.stop);
         }
     }
@@ -172,8 +170,8 @@ struct Follower<'a> {
 }
 
 impl Follower<'_> {
-    /// Asks the queue, and submits where tasks are too few twice in a row: a task that is being started
-    /// again, or a controller that has just started, may be between two states.
+    /// Asks the queue, and submits if there are too few tasks twice in succession: a task that is being restarted, or a
+    /// controller that has just started, may be between two states.
     fn ask(&mut self, missing: &BTreeSet<String>, watch: &mut dyn Watch) -> Result<Option<WaitEnd>, Error> {
         let before = *self.missing_then.get_or_insert(missing.len());
         let view = match self.look(missing) {
@@ -201,7 +199,7 @@ impl Follower<'_> {
         self.patience
             .note(bore_fruit, clock::since(self.submitted).as_secs_f64());
         match self.patience.is_over() {
-            // No task is added beside living ones; their end will be recorded.
+            // No task is added while some are alive; their end will be recorded.
             Some(_) if view.alive() > 0 => Ok(None),
             Some(rounds) => Err(Error::Fruitless {
                 rounds,
@@ -215,7 +213,7 @@ impl Follower<'_> {
         }
     }
 
-    /// Tasks that the queue holds; `None` where the followed submissions were cancelled.
+    /// Tasks that the queue holds; `None` if the followed submissions were cancelled.
     fn look(&self, missing: &BTreeSet<String>) -> Result<Option<View>, Error> {
         let ours = |one: &Submission| self.followed.iter().any(|followed| followed.id == one.id);
         if Submission::all(&self.dispatch.store)?
@@ -269,8 +267,8 @@ impl Follower<'_> {
             .map_or_else(String::new, |submission| submission.log_tail(10))
     }
 
-    /// Ends the wait after every trial has ended: waiting tasks would find no trial. A submission that cannot
-    /// be closed now ends by itself.
+    /// Ends the wait after every trial has ended, since waiting tasks would find no trial. A submission that cannot be
+    /// closed now ends by itself.
     fn finish(self) {
         for mut submission in self.followed {
             if submission.trials.is_subset(&self.dispatch.trials) {
@@ -284,7 +282,7 @@ impl Follower<'_> {
     }
 }
 
-/// One line about a submission, for people.
+/// One line about a submission, for users.
 #[must_use]
 pub fn describe(submission: &Submission) -> String {
     let jobs: Vec<&str> = submission

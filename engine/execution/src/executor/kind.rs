@@ -7,12 +7,12 @@ use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
 use toml::de::ValueDeserializer;
 
-/// Name that stands for no executor: worker processes on this machine.
+/// Name that means no executor: worker processes on this machine.
 pub const LOCAL: &str = "local";
 
 /// One entry of the list.
 pub struct ExecutorKind {
-    /// Name of the executor as written behind `--executor`; its options stand in the table of that name.
+    /// Name of the executor as written after `--executor`; its options stand in the table of that name.
     pub name: &'static str,
     /// Name of the executor in sentences.
     pub title: &'static str,
@@ -30,12 +30,11 @@ pub enum Way {
     Hosts(ExecutorOptions),
     /// A queue takes them, and the program can wait for them.
     Queue(ExecutorOptions),
-    /// A person hands over the printed text, with a command that reads it from standard input.
+    /// The user submits the printed text, with a command that reads it from standard input.
     Written(ExecutorOptions, &'static str),
 }
 
-/// The options of an executor: their type is erased once, so that settings and records hold those of any
-/// executor.
+/// The options of an executor. Their type is erased once, so that settings and records hold those of any executor.
 pub struct ExecutorOptions {
     /// JSON Schema of the table.
     pub schema: Schema,
@@ -51,7 +50,7 @@ pub trait RegisterExecutor {
     /// Registers an executor by the function that makes its entry.
     ///
     /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
+    /// If the name is taken: a mistake in the program, found by every test.
     fn executor(&mut self, kind: fn() -> ExecutorKind);
 }
 
@@ -93,7 +92,7 @@ pub fn find(registry: &Registry, name: &str) -> Option<ExecutorKind> {
 }
 
 impl ExecutorKind {
-    /// Options of the executor; `None` where it has none.
+    /// Options of the executor; `None` if it has none.
     #[must_use]
     pub fn options(&self) -> Option<&ExecutorOptions> {
         match &self.way {
@@ -102,13 +101,13 @@ impl ExecutorKind {
         }
     }
 
-    /// Whether trials can be handed over to the executor.
+    /// Whether trials can be submitted to the executor.
     #[must_use]
     pub fn takes(&self) -> bool {
         matches!(self.way, Way::Queue(_) | Way::Written(..))
     }
 
-    /// The key of its table for which `--jobs` stands.
+    /// The key of its table that `--jobs` sets.
     #[must_use]
     pub fn key_of_jobs(&self) -> &'static str {
         match self.way {
@@ -125,14 +124,14 @@ impl ExecutorKind {
 }
 
 impl ExecutorOptions {
-    /// Options of type `O`, from which `build` makes the executor. A key that is absent from the table is an
-    /// `Option` that is `None`.
+    /// Options of type `O`, from which `build` makes the executor. A key that is absent from the table must be an
+    /// `Option`, which is then `None`.
     pub fn of<O>(build: fn(O) -> Result<Box<dyn Executor>, Error>) -> Self
     where
         O: Default + Serialize + DeserializeOwned + JsonSchema + 'static,
     {
         let typed = |value: &Value| {
-            // Null stands for a record or table that says nothing.
+            // Null means a record or table without entries.
             let given = Some(value).filter(|value| !value.is_null()).map(O::deserialize);
             given
                 .unwrap_or_else(|| Ok(O::default()))
@@ -150,18 +149,18 @@ impl ExecutorOptions {
         }
     }
 
-    /// A table of `regimen.toml` with every key, null where one is absent.
+    /// A table of `regimen.toml` with every key; absent ones are null.
     ///
     /// # Errors
-    /// For an unknown key or a value of another type, with its place.
+    /// An unknown key or a value of another type, with its position.
     pub fn read(&self, table: ValueDeserializer<'_>) -> Result<Value, toml::de::Error> {
         (self.read)(table)
     }
 
-    /// The executor with these options, as [`read`](Self::read) gave them; null stands for none at all.
+    /// The executor with these options, as [`read`](Self::read) returned them; null means no options.
     ///
     /// # Errors
-    /// [`Error::Option`] where one cannot be used, [`Error::Record`] where they are of another executor.
+    /// [`Error::Option`] if one cannot be used, [`Error::Record`] if they belong to another executor.
     pub fn build(&self, options: &Value) -> Result<Box<dyn Executor>, Error> {
         (self.build)(options)
     }
@@ -189,7 +188,7 @@ mod tests {
                 "{}",
                 kind.name
             );
-            // `--jobs` takes the place of this one.
+            // `--jobs` replaces this one.
             assert!(keys.contains_key(kind.key_of_jobs()), "{}", kind.name);
         }
     }

@@ -1,9 +1,9 @@
-//! Workers as a Kubernetes Indexed Job: the manifest, and nothing else.
+//! Workers as a Kubernetes Indexed Job; only the manifest is written.
 //!
 //! The manifest is checked against the schema of `batch/v1` and was not tried on a cluster. Every index is a
 //! worker that pulls missing trials from the store, which lies on a volume that all pods share.
 //!
-//! | a worker leaves with | what the Job does |
+//! | exit of a worker | effect on the Job |
 //! |---|---|
 //! | 0: nothing is left to do | the index is complete |
 //! | 2: the spec is wrong, 100: trials failed | the index has failed; a second try would end the same |
@@ -30,7 +30,7 @@ pub struct KubernetesOptions {
     pub namespace: Option<String>,
     /// PersistentVolumeClaim (`ReadWriteMany`) with the store and the studies; needed.
     pub claim: Option<String>,
-    /// Where the claim is mounted, and the folder that workers run in; `/work`.
+    /// Mount path of the claim, and the folder in which workers run; `/work`.
     pub folder: Option<String>,
     /// Cores of a worker, each with a worker process; 1.
     pub cpus_per_task: Option<NonZeroUsize>,
@@ -38,11 +38,11 @@ pub struct KubernetesOptions {
     pub memory_mb: Option<NonZeroU32>,
     /// Pods that may run at a time; 100.
     pub max_tasks: Option<NonZeroUsize>,
-    /// How many missing trials are worth a pod; 4 for each of its cores.
+    /// Number of missing trials for each pod; 4 for each of its cores.
     pub trials_per_task: Option<NonZeroUsize>,
     /// Tries of an index after the first; 6.
     pub retries: Option<u32>,
-    /// Seconds that a pod has to hand back what it has when it is told to leave; 120.
+    /// Seconds that a pod has to save its work when it is told to exit; 120.
     pub grace_s: Option<u32>,
 }
 
@@ -78,7 +78,7 @@ impl Executor for Kubernetes {
             .unwrap_or_else(|| four_each(self.cpus_per_task()))
     }
 
-    /// Paths are seen from the folder of the volume, not from this machine.
+    /// Paths are relative to the folder of the volume, not to this machine.
     fn shares_paths(&self) -> bool {
         false
     }
@@ -179,7 +179,7 @@ spec:
         ))
     }
 
-    /// Requests and limits are the same, so that a worker gets the resources that it counts on.
+    /// Requests and limits are equal, so that a worker gets the resources that it expects.
     fn resources(&self) -> String {
         let memory = self.options.memory_mb;
         let memory = memory.map_or_else(String::new, |memory_mb| {
@@ -192,7 +192,7 @@ spec:
 
 fn arguments(arguments: &[String]) -> String {
     arguments.iter().fold(String::new(), |mut all, argument| {
-        // `$(NAME)` would be replaced by a variable.
+        // `$(NAME)` would be replaced by the value of a variable.
         let _ = write!(all, "\n            - {}", text(&argument.replace("$(", "$$(")));
         all
     })
@@ -208,7 +208,7 @@ fn needed(key: &'static str, value: Option<&str>, problem: &str) -> Result<Strin
         })
 }
 
-/// A name that Kubernetes takes: at most 52 characters, since pods append their index and a suffix.
+/// A name that Kubernetes accepts: at most 52 characters, since pods append their index and a suffix.
 fn job_name(study: &str) -> String {
     let plain: String = study
         .to_lowercase()

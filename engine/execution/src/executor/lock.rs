@@ -16,25 +16,25 @@ use std::{
 
 /// Interval between two attempts at the lock.
 const LOOK: Duration = Duration::from_millis(50);
-/// A wait of this length is usual; after it the holder of the lock is reported.
+/// Usual length of a wait; after it the holder of the lock is reported.
 const USUAL: Duration = Duration::from_secs(2);
 
 /// Limits of a wait for the lock, and the report of a long one.
 pub struct Wait<'a> {
     /// Longest time to wait.
     pub limit: Duration,
-    /// The wish to stop, which ends the wait before its limit.
+    /// The stop request, which ends the wait before its limit.
     pub stop: &'a Stop,
     /// Receiver of the message that the wait takes long.
     pub say: &'a mut dyn FnMut(&str),
 }
 
-/// Keeps other processes from deciding about submissions of this store until the file is dropped. The system
-/// gives the lock back when its holder dies.
+/// Keeps other processes from deciding about submissions of this store until the file is dropped. The system releases
+/// the lock when its holder dies.
 ///
 /// # Errors
-/// [`Error::Held`] where another process holds it for longer than the wait, [`Error::Interrupted`], and where
-/// its file cannot be created or locked.
+/// [`Error::Held`] if another process holds it for longer than the wait, [`Error::Interrupted`], and errors of creating
+/// or locking its file.
 pub fn lock(store: &Path, wait: Wait<'_>) -> Result<File, Error> {
     let (mut file, path) = open(store)?;
     let (begun, mut told) = (clock::now(), false);
@@ -42,8 +42,8 @@ pub fn lock(store: &Path, wait: Wait<'_>) -> Result<File, Error> {
         match file.try_lock().map_err(io::Error::from) {
             Ok(()) => break,
             Err(error) if error.kind() == ErrorKind::WouldBlock => {}
-            // Some shared file systems have no locks. Two submitters at the same instant then submit more
-            // workers than are needed.
+            // Some shared file systems have no locks. Two submitters at the same moment then submit more workers than
+            // are needed.
             Err(error) if error.kind() == ErrorKind::Unsupported => return Ok(file),
             Err(error) => return Err(contract::Error::file("lock", &path)(error).into()),
         }
@@ -84,7 +84,7 @@ fn open(store: &Path) -> Result<(File, PathBuf), contract::Error> {
     Ok((file.map_err(contract::Error::file("open", &path))?, path))
 }
 
-/// Name of this process, as other processes read it.
+/// Name of this process for other processes.
 fn name() -> String {
     let owner = Owner::this_process();
     let job = owner.slurm_job.map(|job| format!(" (Slurm job {job})"));
@@ -96,7 +96,7 @@ fn name() -> String {
     )
 }
 
-/// Holder of the lock, as its file says.
+/// Holder of the lock according to its file.
 fn holder(path: &Path) -> String {
     let mut text = String::new();
     let read = File::open(path).and_then(|file| file.take(200).read_to_string(&mut text));

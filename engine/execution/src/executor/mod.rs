@@ -1,20 +1,19 @@
-//! Executors, which start workers on other machines: the same `worker` command as on this one.
+//! Executors, which start workers on other machines with the same `worker` command as on this one.
 //!
-//! An executor starts *workers*, not trials. Each worker pulls missing trials from the shared store until
-//! none is left, so how many of them run, where, and how often they die cannot reach a result: a missing
-//! trial is started again. Short trials do not become jobs of their own, and limits on the number of jobs do
-//! not limit the number of trials.
+//! An executor starts *workers*, not trials. Each worker pulls missing trials from the shared store until none is left.
+//! Results therefore do not depend on the number of workers, on their machines or on their deaths: a missing trial is
+//! started again. Short trials do not become jobs of their own, and limits on the number of jobs do not limit the
+//! number of trials.
 //!
-//! - An [`Executor`] defines a task and writes the text that is handed over for it.
-//! - Where it has a [`Queue`], [`Dispatch`] keeps as many tasks in it as the missing trials are worth, and
-//!   waits.
+//! - - An [`Executor`] defines a task and writes the text to submit for it.
+//! - - If it has a [`Queue`], [`Dispatch`] keeps the number of tasks in it that the missing trials need, and waits.
 //! - [`all`] is the list of executors, to which other crates add theirs by [`RegisterExecutor`]; [`slurm`] and
 //!   [`hyperqueue`] have queues, [`kubernetes`] writes a manifest and
 //!   starts nothing, and [`ssh`] names hosts whose trials the scheduler of this machine runs itself.
 //!
-//! A [`Submission`] is identified by a name of our own, which the jobs carry. A queue may give a job id again
-//! after a crash of its controller, and an accepted job may be forgotten by one: job ids are kept to be
-//! shown, never to decide, where jobs can be found by their names.
+//! A [`Submission`] is identified by a name that this program chooses and its jobs carry. A queue may reuse a job id
+//! after a crash of its controller, and a controller may forget an accepted job. If jobs can be found by their names,
+//! job ids are therefore kept only for display and decide nothing.
 
 mod command_output;
 mod dispatch;
@@ -60,29 +59,29 @@ pub trait Executor: Debug {
     /// Cores of a task, each with a worker process.
     fn cpus_per_task(&self) -> NonZeroUsize;
 
-    /// Graphics cards of a task; `None` where none can be asked for.
+    /// Graphics cards of a task; `None` if none can be requested.
     fn gpus_per_task(&self) -> Option<usize> {
         None
     }
 
-    /// Number of missing trials that are worth one task.
+    /// Number of missing trials for each task.
     fn trials_per_task(&self) -> NonZeroUsize;
 
     /// Whether workers see the files of this machine under the paths that they have here.
     fn shares_paths(&self) -> bool;
 
-    /// The text that would be handed over; no queue is asked.
+    /// The text that would be submitted; no queue is asked.
     ///
     /// # Errors
-    /// [`Error::Option`] where an option is missing that has no default.
+    /// [`Error::Option`] for a missing option that has no default.
     fn written(&self, wanted: &Wanted<'_>) -> Result<String, Error>;
 
-    /// Hosts that the program reaches itself; `None` where the executor owns the machines.
+    /// Hosts that the program reaches itself; `None` if the executor owns the machines.
     fn access(&self) -> Option<&Access> {
         None
     }
 
-    /// The queue that takes submissions and shows their tasks; `None` where a person hands over the text.
+    /// The queue that takes submissions and shows their tasks; `None` if the user submits the text.
     fn queue(&self) -> Option<&dyn Queue> {
         None
     }
@@ -93,7 +92,7 @@ pub trait Executor: Debug {
 pub struct Wanted<'a> {
     /// Name of the study, or names.
     pub study: &'a str,
-    /// Path of the store, as workers find it.
+    /// Path of the store as seen by workers.
     pub store: &'a Path,
     /// The command that each worker runs.
     pub work: &'a Work,
@@ -113,7 +112,7 @@ pub enum Error {
         /// The error of the system.
         source: std::io::Error,
     },
-    /// The executor is there but cannot answer now; a later attempt may succeed.
+    /// The executor is available but cannot answer now; a later attempt may succeed.
     #[error("{program} gets no answer: {said}")]
     Busy {
         /// Name of the program that asked.
@@ -135,7 +134,7 @@ pub enum Error {
         /// Name of the program that was waited for.
         program: &'static str,
     },
-    /// Another process decides about the submissions of the store, and does not come to an end.
+    /// Another process holds the lock on submissions of the store and does not finish.
     #[error(
         "{by} holds `{}` for more than {after_s} s: if it hangs, end it, and run this again",
         path.display()
@@ -193,7 +192,7 @@ pub enum Error {
     Fruitless {
         /// Number of submissions in a row.
         rounds: usize,
-        /// The end of a worker's log, where there is one.
+        /// The end of a worker's log, if there is one.
         log: String,
     },
     /// The submission's own files cannot be read or written.
@@ -202,7 +201,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// Whether the executor took nothing, and will take nothing until a person has changed something.
+    /// Whether the executor took nothing, and will take nothing until the user has changed something.
     fn is_refusal(&self) -> bool {
         matches!(
             self,
@@ -210,7 +209,7 @@ impl Error {
         )
     }
 
-    /// Whether the same question may be answered later.
+    /// Whether the same request may be answered later.
     fn is_passing(&self) -> bool {
         matches!(self, Self::Busy { .. } | Self::Silent { .. })
     }

@@ -8,43 +8,42 @@ use std::{
     time::Duration,
 };
 
-/// A batch system that takes job arrays and tells which of their tasks live.
+/// A batch system that takes job arrays and reports which of their tasks are alive.
 ///
-/// The caller says how a wait for an answer is stopped; an answer that takes too long is [`Error::Silent`].
+/// The caller decides how a wait for an answer is stopped; an answer that takes too long is [`Error::Silent`].
 ///
-/// Jobs are found by the name that they carry, [`Submission::job_name`], where they can be: an id may be lost,
-/// and may be given twice.
+/// If possible, jobs are found by the name that they carry, [`Submission::job_name`]: an id may be lost, or may be
+/// given twice.
 pub trait Queue {
     /// Name of the executor in the list of [`all`](super::all).
     fn name(&self) -> &'static str;
 
-    /// Options of the executor, as they are recorded:
-    /// [`ExecutorOptions::build`](super::ExecutorOptions::build) makes the executor of them again.
+    /// Options of the executor as they are recorded; [`ExecutorOptions::build`](super::ExecutorOptions::build) makes
+    /// the executor from them again.
     fn options(&self) -> Value;
 
     /// Largest number of tasks in one array.
     ///
     /// # Errors
-    /// [`Error::Busy`] where it does not answer.
+    /// [`Error::Busy`] if it does not answer.
     fn largest_array(&self, stop: &Stop) -> Result<usize, Error>;
 
-    /// Longest time that all answers to one submission may take: a process that decides about a submission
-    /// for longer hangs.
+    /// Longest time that all answers to one submission may take; a process that decides about a submission for longer
+    /// is assumed to hang.
     fn patience(&self) -> Duration;
 
     /// Number of tasks that may run at a time.
     fn max_tasks(&self) -> usize;
 
-    /// Number of tasks that may be handed over and not have ended; those that may not run yet wait in most
-    /// queues.
+    /// Largest number of tasks that are submitted and have not ended; in most queues, those that may not run yet wait.
     fn most_tasks(&self) -> usize {
         usize::MAX
     }
 
-    /// Seconds between two questions about tasks.
+    /// Seconds between two requests about tasks.
     fn poll_s(&self) -> f64;
 
-    /// Number of submissions in a row that may end without finishing a trial.
+    /// Number of consecutive submissions that may end without finishing a trial.
     fn resubmissions(&self) -> usize;
 
     /// The script of one array of a submission.
@@ -53,23 +52,22 @@ pub trait Queue {
     /// Ending of the file name of a script.
     fn script_ending(&self) -> &'static str;
 
-    /// Tasks of these submissions that the queue knows of; it may forget ended ones after a while.
+    /// Those tasks of these submissions that the queue knows; it may forget ended ones after a while.
     ///
     /// # Errors
-    /// [`Error::Busy`] where it does not answer.
+    /// [`Error::Busy`] if it does not answer.
     fn tasks(&self, submissions: &[Submission], stop: &Stop) -> Result<Vec<Task>, Error>;
 
     /// Submits a script and returns the job's id.
     ///
     /// # Errors
-    /// [`Error::Refused`] where it says no, [`Error::Busy`] where it does not answer; the job may exist even
-    /// then.
+    /// [`Error::Refused`] if it refuses, [`Error::Busy`] if it does not answer; the job may exist even then.
     fn submit(&self, script: &Path, stop: &Stop) -> Result<String, Error>;
 
-    /// Cancels the jobs of a name: all, or those that have not started.
+    /// Cancels the jobs with a name: all, or those that have not started.
     ///
     /// # Errors
-    /// As [`submit`](Self::submit).
+    /// The errors of [`submit`](Self::submit).
     fn cancel(&self, name: &str, waiting_only: bool, stop: &Stop) -> Result<(), Error>;
 }
 
@@ -80,11 +78,11 @@ pub struct Task {
     pub name: String,
     /// The job id of its array.
     pub job: String,
-    /// Its state in the queue's words, as in `RUNNING`.
+    /// Its state in the queue's terms, such as `RUNNING`.
     pub state: String,
     /// Whether the task may still run: false after an end of any kind.
     pub alive: bool,
-    /// Reason for which the task has not started, where the queue gives one.
+    /// Reason why the task has not started, if the queue gives one.
     pub waits_for: Option<String>,
 }
 
@@ -99,14 +97,14 @@ pub fn counts(tasks: &[Task]) -> BTreeMap<&str, usize> {
     counts
 }
 
-/// Numbers of living tasks by state, in one line for people.
+/// Numbers of living tasks by state, in one line for users.
 #[must_use]
 pub fn summary(tasks: &[Task]) -> String {
     let counts = counts(tasks);
     if counts.is_empty() {
         return "no task".into();
     }
-    // In falling order of their names, so that running comes before pending.
+    // In descending order of their names, so that running comes before pending.
     let parts: Vec<String> = counts
         .iter()
         .rev()

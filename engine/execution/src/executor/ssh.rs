@@ -1,4 +1,4 @@
-//! Hosts that are reached with `ssh`, without a folder that they share: how they are named and asked.
+//! Hosts that are reached with `ssh`, without a shared folder: their names, and requests to them.
 
 use super::{Error, Executor, ExecutorKind, Wanted, Way, kind};
 use schemars::JsonSchema;
@@ -12,19 +12,18 @@ use std::{
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table of options")]
 pub struct SshOptions {
-    /// Hosts, as `ssh` knows them: `["node1", "me@node2"]`, or names in its configuration, which says ports and keys;
+    /// Hosts, as `ssh` knows them: `["node1", "me@node2"]`, or names in its configuration, which sets ports and keys;
     /// needed.
     pub hosts: Option<Vec<String>>,
-    /// Worker processes of a host; as many as it has cores.
+    /// Number of worker processes of a host; as many as it has cores.
     pub workers: Option<NonZeroUsize>,
-    /// The folder on a host that is worked in, seen from the home; `.cache/regimen`. It may be removed while nothing
-    /// runs.
+    /// Working folder on a host, relative to the home; `.cache/regimen`. It may be removed while nothing runs.
     pub folder: Option<String>,
-    /// The program on a host; where absent this one is brought there.
+    /// The program on a host; where absent this one is copied there.
     pub program: Option<String>,
     /// The command that reaches a host, with its options; `["ssh"]`.
     pub command: Option<Vec<String>>,
-    /// How long a host that cannot be reached is looked after again, in seconds; 300.
+    /// Time for which a host that cannot be reached is tried again, in seconds; 300.
     pub patience_s: Option<NonZeroU32>,
 }
 
@@ -35,7 +34,7 @@ pub struct Access {
     pub hosts: Vec<String>,
     /// Number of worker processes of each host; as many as it has cores where absent.
     pub workers: Option<NonZeroUsize>,
-    /// Working folder on each host, seen from the home.
+    /// Working folder on each host, relative to the home.
     pub folder: String,
     /// Path of the program on each host; where absent this program is copied there.
     pub program: Option<String>,

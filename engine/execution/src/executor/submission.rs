@@ -8,8 +8,8 @@
 //! <store>/submissions/lock                       held by a process while it decides and submits
 //! ```
 //!
-//! The record is written before the jobs are submitted, so there is no job without a record. A crash in
-//! between leaves a record without jobs, which the next question to the queue shows.
+//! The record is written before the jobs are submitted, so there is no job without a record. A crash in between leaves
+//! a record without jobs, which the next request to the queue shows.
 
 use super::{Queue, Work};
 use crate::{
@@ -33,7 +33,7 @@ const SCHEMA: u32 = 1;
 pub struct Submission {
     /// Version of this record's form.
     pub schema: u32,
-    /// Name that this program gave the submission: random, and in no result.
+    /// Name that this program gave the submission. It is random and not part of any result.
     pub id: String,
     /// State of its jobs.
     pub state: SubmissionState,
@@ -42,7 +42,7 @@ pub struct Submission {
     /// Name of the executor that took the submission.
     #[serde(default = "the_first")]
     pub executor: String,
-    /// Options of the executor with which its workers were asked for.
+    /// Options of the executor with which its workers were requested.
     pub options: Value,
     /// The job arrays of the submission.
     pub arrays: Vec<Array>,
@@ -78,16 +78,16 @@ pub struct Array {
     pub tasks: usize,
     /// Number of tasks that may run at a time.
     pub at_once: usize,
-    /// Id of the job, once the queue gave one. It is shown, and decides nothing.
+    /// Id of the job, once the queue gave one. It is only shown and decides nothing.
     pub job: Option<String>,
 }
 
 impl Array {
     /// Divides `tasks` into arrays of at most `largest` tasks; `at_once` tasks of all arrays may run at a time.
     ///
-    /// Every array is allowed at least one running task, so there are at most `at_once` of them. Tasks beyond
-    /// that are left out: a worker pulls trials until none is left, and the process that follows the
-    /// submission submits again where that was not enough.
+    /// Every array is allowed at least one running task, so there are at most `at_once` of them. Tasks beyond that are
+    /// left out: a worker pulls trials until none is left, and the process that follows the submission submits again if
+    /// that was not enough.
     #[must_use]
     pub fn divide(tasks: usize, largest: usize, at_once: usize) -> Vec<Self> {
         let (largest, at_once) = (largest.max(1), at_once.max(1));
@@ -108,7 +108,7 @@ impl Array {
 }
 
 impl Submission {
-    /// A record that is on no disk and covers no trial, to be shown or [entered](Self::enter) in the store.
+    /// A record that is on no disk and covers no trial, to be shown or [entered](Self::enter) into the store.
     #[must_use]
     pub fn sample(store: &Path, work: &Work, queue: &dyn Queue, arrays: Vec<Array>) -> Self {
         Self {
@@ -127,21 +127,21 @@ impl Submission {
     /// Gives the submission a name of its own and writes its record to the disk.
     ///
     /// # Errors
-    /// [`Error::File`] where the store cannot be written.
+    /// [`Error::File`] if the store cannot be written.
     pub fn enter(&mut self) -> Result<(), Error> {
         let all = folder_of_all(&self.store);
         fs::create_dir_all(&all).map_err(Error::file("create", &all))?;
         self.id = unused_name(&all)?;
-        // A job must not outlive its record, even through a loss of power.
+        // A job must not outlive its record, even after a loss of power.
         flush_way(&self.folder(), 2)?;
         self.save()
     }
 
-    /// All submissions of a store, in the order of their names. Damaged records are left out and found by
-    /// [`damaged`]; those of a later version of the program are left out too.
+    /// All submissions of a store, in the order of their names. Damaged records are left out and found by [`damaged`];
+    /// those of a later version of the program are also left out.
     ///
     /// # Errors
-    /// [`Error::File`] where a record cannot be read.
+    /// [`Error::File`] if a record cannot be read.
     pub fn all(store: &Path) -> Result<Vec<Self>, Error> {
         let folder = folder_of_all(store);
         let mut submissions = Vec::new();
@@ -154,10 +154,10 @@ impl Submission {
         Ok(submissions)
     }
 
-    /// The submission with an id; `None` where its record is absent or cannot be understood.
+    /// The submission with an id; `None` if its record is absent or cannot be read.
     ///
     /// # Errors
-    /// [`Error::File`] where the record cannot be read.
+    /// [`Error::File`] if the record cannot be read.
     pub fn find(store: &Path, id: &str) -> Result<Option<Self>, Error> {
         match read(store, &folder_of_all(store).join(id)) {
             Err(Error::Damaged { .. }) => Ok(None),
@@ -192,7 +192,7 @@ impl Submission {
     /// Writes the record.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be written.
+    /// [`Error::File`] if it cannot be written.
     pub fn save(&self) -> Result<(), Error> {
         let path = self.folder().join(RECORD);
         let text = serde_json::to_vec_pretty(self).map_err(|source| Error::Damaged {
@@ -202,17 +202,17 @@ impl Submission {
         write_durably(&path, &text)
     }
 
-    /// Records that the submission is not waited for any more.
+    /// Records that the submission is no longer needed.
     ///
     /// # Errors
-    /// [`Error::File`] where the record cannot be written.
+    /// [`Error::File`] if the record cannot be written.
     pub fn close(&mut self, state: SubmissionState) -> Result<(), Error> {
         self.state = state;
         self.trials.clear();
         self.save()
     }
 
-    /// The last lines of the log that was written last; empty where there is none.
+    /// The last lines of the log that was written last; empty if there is none.
     #[must_use]
     pub fn log_tail(&self, lines: usize) -> String {
         let logs = fs::read_dir(self.folder())
@@ -240,7 +240,7 @@ pub(super) fn folder_of_all(store: &Path) -> PathBuf {
     store.join("submissions")
 }
 
-/// Names of the folders of records; an entry that is not a folder holds none.
+/// Names of the folders of records; an entry that is not a folder contains none.
 fn records(folder: &Path) -> Result<Vec<String>, Error> {
     if is_folder(folder)? {
         names(folder)
@@ -249,7 +249,7 @@ fn records(folder: &Path) -> Result<Vec<String>, Error> {
     }
 }
 
-/// A record that cannot be seen now is not an absent one: its jobs would be handed over again.
+/// A record that cannot be read now must not count as absent, since its jobs would be submitted again.
 fn is_folder(path: &Path) -> Result<bool, Error> {
     match fs::metadata(path) {
         Ok(data) => Ok(data.is_dir()),
@@ -261,7 +261,7 @@ fn is_folder(path: &Path) -> Result<bool, Error> {
 /// Damaged records of a store: paths inside it, each with the fault.
 ///
 /// # Errors
-/// [`Error::File`] where a record cannot be read.
+/// [`Error::File`] if a record cannot be read.
 pub fn damaged(store: &Path) -> Result<Vec<Finding>, Error> {
     let folder = folder_of_all(store);
     let mut findings = Vec::new();
@@ -281,15 +281,14 @@ pub fn damaged(store: &Path) -> Result<Vec<Finding>, Error> {
 /// Sets aside damaged records, so that the others count, and returns the findings.
 ///
 /// # Errors
-/// [`Error::File`] where a record cannot be read or moved.
+/// [`Error::File`] if a record cannot be read or moved.
 pub fn heal(store: &Path) -> Result<Findings, Error> {
     Store::at(store).aside(damaged(store)?)
 }
 
 const RECORD: &str = "submission.json";
 
-/// Reads a record; `None` where a submitter died before it wrote one, or a later version of the program wrote
-/// it.
+/// Reads a record; `None` if a submitter died before it wrote one, or a later version of the program wrote it.
 fn read(store: &Path, folder: &Path) -> Result<Option<Submission>, Error> {
     if !is_folder(folder)? {
         return Ok(None);
@@ -319,7 +318,7 @@ struct Version {
     schema: u32,
 }
 
-/// Creates a folder under a name that no other submission has; the system's randomness is read, no clock.
+/// Creates a folder under a name that no other submission has; uses the system's randomness and no clock.
 fn unused_name(all: &Path) -> Result<String, Error> {
     loop {
         let random = process::random_number();

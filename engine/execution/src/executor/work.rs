@@ -27,7 +27,7 @@ impl Work {
     }
 }
 
-/// A word for a POSIX shell, in quotes where it needs them.
+/// A word for a POSIX shell, in quotes if it needs them.
 #[must_use]
 pub fn quoted(word: &str) -> String {
     let plain = |letter: char| letter.is_ascii_alphanumeric() || "_-./=:@%+,".contains(letter);

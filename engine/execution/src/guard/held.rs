@@ -39,16 +39,16 @@ pub enum Left {
     },
     /// The program was never started, for this reason.
     Unstarted(String),
-    /// The guard was ended by this signal, where it is known, and the program with it.
+    /// The guard was ended by this signal, if it is known, and the program with it.
     Unguarded(Option<i32>),
 }
 
 impl Guarded {
-    /// Starts a program that sees these environment variables alone. Its standard output and standard error
-    /// go to files, so that its output survives the worker and the guard.
+    /// Starts a program that sees only these environment variables. Its standard output and standard error go to files,
+    /// so that its output survives the worker and the guard.
     ///
     /// # Errors
-    /// [`Error::Worker`] where the guard cannot be started.
+    /// [`Error::Worker`] if the guard cannot be started.
     pub fn start(
         order: Order,
         variables: &BTreeMap<String, String>,
@@ -71,7 +71,7 @@ impl Guarded {
             return Err(broken("its pipe is missing"));
         };
         let text = serde_json::to_string(&order).map_err(broken)?;
-        // A guard that is gone shows when its end is asked for.
+        // A guard that is gone is noticed when it is asked to end.
         let _ = writeln!(orders, "{text}");
         Ok(Self {
             guard,
@@ -106,7 +106,7 @@ impl Guarded {
         Left::Unguarded(status.and_then(|status| status.signal()))
     }
 
-    /// Waits for the guard, which keeps to the grace; a guard that does not is ended.
+    /// Waits for the guard, which observes the grace period; a guard that does not is ended.
     fn wait(&mut self) -> Option<ExitStatus> {
         let begun = clock::now();
         let longest = Duration::from_millis(self.order.grace_ms) + LATE;
@@ -131,8 +131,8 @@ impl Drop for Guarded {
     }
 }
 
-/// The end of the last program that ran with these notes; `None` where none ran, or where its end was not
-/// noted. After a loss of power nothing is known: the program's own files may be lost.
+/// The end of the last program that ran with these notes; `None` if none ran, or if its end was not noted. After a loss
+/// of power nothing is known, since the program's own files may be lost.
 #[must_use]
 pub fn last_ending(notes: &Path) -> Option<Left> {
     let EndNote {
@@ -143,8 +143,8 @@ pub fn last_ending(notes: &Path) -> Option<Left> {
     (place == here()).then_some(Left::Ended { how, was_asked })
 }
 
-/// Ends every process that an earlier worker of this machine started with these notes: it waits as long as
-/// the guard may take, and then kills.
+/// Ends every process that an earlier worker of this machine started with these notes: waits as long as the guard may
+/// take, then kills.
 pub fn end_leftover(notes: &Path, grace: Duration) {
     let Some(ProgramNote {
         place,

@@ -1,4 +1,4 @@
-//! The process between a worker and an external program: it ends every process that the program started,
+//! The process between a worker and an external program. It ends every process that the program started, no matter
 //! whether the worker, the guard or the program dies first.
 //!
 //! ```text
@@ -6,10 +6,10 @@
 //!        <-- files with the program's output --
 //! ```
 //!
-//! A guard gets its [`Order`] and after that the word `stop` on its standard input; the end of that input
-//! means that the worker is gone. Either way the program gets its signal, and no process of it remains after
-//! its grace. Orphans of the program become children of the guard, so that it finds them. A guard that is
-//! killed takes the program with it. The end of the program lies in a file before the guard leaves.
+//! A guard gets its [`Order`] and then the word `stop` on its standard input; the end of that input means that the
+//! worker is gone. In both cases the program gets its signal, and none of its processes remains after its grace period.
+//! Orphans of the program become children of the guard, so that it finds them. A guard that is killed takes the program
+//! with it. The end of the program is written to a file before the guard exits.
 
 mod held;
 
@@ -37,7 +37,7 @@ use std::{
     time::Duration,
 };
 
-/// The verb of a guard, and the one of the process that becomes the program.
+/// The verb of a guard, and that of the process that becomes the program.
 const VERBS: [&str; 2] = ["program-guard", "program-start"];
 /// The word that asks for the end.
 const STOP: &str = "stop";
@@ -68,7 +68,7 @@ pub enum StopSignal {
     /// `SIGTERM`.
     #[default]
     Term,
-    /// `SIGUSR1`, for programs that save their state at it and leave.
+    /// `SIGUSR1`, for programs that save their state at this signal and exit.
     Usr1,
 }
 
@@ -81,8 +81,8 @@ impl StopSignal {
     }
 }
 
-/// The note of a program before it begins: the process ids of its guard and itself, each with its start time,
-/// and the machine and boot in which they are valid. So no guard can be killed before its program is known.
+/// The note of a program before it begins: the process ids of its guard and itself, each with its start time, and the
+/// machine and boot for which they are valid. Its program is therefore known before a guard can be killed.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct ProgramNote {
     place: [String; 2],
@@ -116,8 +116,8 @@ fn unstarted(notes: &Path) -> PathBuf {
     notes.join("unstarted.json")
 }
 
-/// Serves as a guard, or becomes a program, where the command line asks for it. The program calls this first,
-/// before it looks at anything else.
+/// Serves as a guard, or becomes a program, if the command line asks for it. The program calls this before anything
+/// else.
 #[must_use]
 pub fn serve_if_asked() -> Option<ExitCode> {
     let words: Vec<String> = std::env::args_os()
@@ -167,8 +167,8 @@ fn guard() -> ExitCode {
     }
 }
 
-/// Starts the program and waits for its end and that of its descendants. The program does not survive the end
-/// of the thread that starts it, so that this has to be the main thread.
+/// Starts the program and waits for its end and that of its descendants. The program does not survive the end of the
+/// thread that starts it, so this must be the main thread.
 fn serve(order: &Order, orders: impl Read + Send + 'static) -> std::io::Result<()> {
     process::adopt_orphans()?;
     let program = start(order)?;
@@ -233,7 +233,7 @@ fn here() -> [String; 2] {
     [host, boot]
 }
 
-/// Returns when the program is to end: the worker asked for it, or is gone.
+/// Returns when the program must end, because the worker asked for it or is gone.
 fn listen(orders: impl Read) {
     for line in BufReader::new(orders).lines() {
         if line.is_err() || line.is_ok_and(|line| line == STOP) {
@@ -267,8 +267,7 @@ fn end_all() {
     }
 }
 
-/// Writes a file that is there whole or not at all. It is meaningless after a loss of power, and need not
-/// survive one.
+/// Writes a file completely or not at all. It is meaningless after a loss of power, and need not survive one.
 fn write(path: &Path, what: &impl Serialize) -> std::io::Result<()> {
     let beside = path.with_extension("new");
     fs::write(&beside, serde_json::to_vec(what)?)?;

@@ -1,15 +1,15 @@
-//! Several programs work on one store while processes are killed and halt, machines lose their power, clocks
-//! jump, calls fail and the disk is full. These properties hold all the same:
+//! Several programs work on one store while processes are killed and halted, machines lose their power, clocks jump,
+//! calls fail and the disk is full. These properties must still hold:
 //!
-//! 1. A trial that was reported as ended has ended, with the same bytes, and does not run again, also where
-//!    it was packed.
+//! 1. 1. A trial that was reported as ended has ended, with the same bytes, and does not run again, even if it was
+//!    packed.
 //! 2. Two computations of a trial give the same bytes.
 //! 3. A saved step of a trial is there when the trial continues.
-//! 4. No process takes a trial from a process that lives and renews its lease.
-//! 5. When the faults stop, everything is computed, and no lease is left of a process that is gone.
+//! 4. 4. No process takes a trial from a process that is alive and renews its lease.
+//! 5. 5. When the faults stop, everything is computed, and no lease of a process that is gone remains.
 //! 6. No file outside the store is touched.
-//! 7. Measurements of a trial at a pause are stored from the moment of their report on, and a search that
-//!    pauses its trials chooses the same, whatever failed meanwhile.
+//! 7. 7. Measurements of a trial at a pause are stored from the moment they are reported, and a search that pauses its
+//!    trials makes the same choice, whatever failed meanwhile.
 //!
 //! A seed that fails is printed; `REGIMEN_SIM_SEED=<seed>` runs it alone and prints its calls.
 
@@ -52,7 +52,7 @@ use std::{
 
 const EXPIRY: Duration = Duration::from_secs(30);
 const HEARTBEAT: Duration = Duration::from_secs(5);
-/// Longer than any machine shows old names in a folder.
+/// Longer than the time for which any machine shows outdated names in a folder.
 const SETTLES: Duration = Duration::from_secs(10);
 
 /// State that all simulated processes share.
@@ -62,9 +62,9 @@ struct Bench {
     ledger: Arc<Ledger>,
     /// The machine of each place, by its number.
     hosts: Vec<usize>,
-    /// Whether calls for files fail at random.
+    /// Whether file operations fail at random.
     calls_fail: bool,
-    /// Whether failed trials are tried again: then a failure is not final.
+    /// Whether failed trials are tried again, in which case a failure is not final.
     tries_again: bool,
 }
 
@@ -128,7 +128,7 @@ impl Bench {
         }
     }
 
-    /// Runs the missing trials as one program; true where none is missing.
+    /// Runs the missing trials as one program; true if none is missing.
     fn run(&self, place: usize) -> bool {
         let store = Store::at("/store");
         self.ledger.holds(&store, &self.trials);
@@ -235,7 +235,7 @@ impl Runner for InThreadRunner<'_> {
             &worker::Stops::default(),
             &mut replies,
         );
-        // A result that cannot be read in this moment counts as not whole.
+        // A result that cannot be read at this moment counts as incomplete.
         let broken = ledger.broken().filter(|_| !self.bench.calls_fail);
         assert_eq!(broken, None);
         match &reply {
@@ -275,7 +275,8 @@ impl Write for LeaseRenewer<'_, '_> {
     }
 }
 
-/// The faults of a seed: power alone, processes alone, and everything, on one machine or on three that share a disk.
+/// The faults of a seed: only power losses, only process failures, or everything, on one machine or on three that share
+/// a disk.
 fn faults(seed: u64) -> (Faults, Vec<usize>) {
     let calls = 500 + seed % 1500;
     let quiet = Faults {
@@ -351,7 +352,7 @@ fn play(
     }
     machine.lose_power();
     machine.again();
-    // A trial that was stored by a process which was killed before it could say so may be lost again, and is
+    // A trial that was stored by a process which was killed before it could report it may be lost again, and is then
     // computed again.
     let (mut machine, outcome) = start(machine, &run);
     if outcome.is_err() {
@@ -375,7 +376,7 @@ fn play(
 fn inspect(bench: &Bench) {
     let store = Store::at("/store");
     bench.ledger.holds(&store, &bench.trials);
-    // On another machine, an owner counts as gone after a long silence.
+    // An owner on another machine counts as gone after a long silence.
     clock::sleep(Duration::from_secs(900));
     for trial in &bench.trials {
         let end = quietly(|| store.end(&trial.id));
@@ -423,7 +424,8 @@ fn a_seed_gives_the_same_again() {
     }
 }
 
-/// Without any one of the flushes, some promise breaks: none of them is idle, and the simulation finds each.
+/// Without any one of the flushes, some promise breaks: each of them is needed, and the simulation detects each
+/// omission.
 #[test]
 fn without_any_one_flush_a_seed_fails() {
     let flushed: std::collections::BTreeSet<String> = (0..50)

@@ -1,11 +1,10 @@
 //! Runs missing trials in worker processes, one single-threaded trial per process at a time.
 //!
-//! One thread per worker slot owns one child process, here or on a host ([`hosts`]), and takes trials from a
-//! common queue; a trial is begun only under its lease, so that several programs can work on one store. The
-//! child runs the trial, writes it to the store and reports its end; a child that dies is replaced, and only
-//! its trial is affected. One watching thread renews the leases, holds the limits of time and memory, and
-//! passes on the wish to stop. Every event reaches the caller as an [`Event`] on one channel, so that a
-//! single owner decides what is shown.
+//! One thread per worker slot owns one child process, here or on a host ([`hosts`]), and takes trials from a common
+//! queue. A trial begins only under its lease, so that several programs can work on one store. The child runs the
+//! trial, writes it to the store and reports its end; a child that dies is replaced, and only its trial is affected.
+//! One watching thread renews the leases, enforces the limits of time and memory, and passes on the stop request. Every
+//! event reaches the caller as an [`Event`] on one channel, so that a single owner decides what is shown.
 
 #[cfg(test)]
 mod fault_tests;
@@ -18,7 +17,7 @@ mod slot;
 mod watch;
 mod worker;
 
-/// The word by which a worker process of this program is started.
+/// The verb that starts a worker process of this program.
 pub const WORKER: &str = "trial-worker";
 
 pub use readiness::is_ready;
@@ -60,7 +59,7 @@ pub enum Event {
         slot: usize,
         /// Steps done.
         done: u64,
-        /// Steps in all.
+        /// Total number of steps.
         total: u64,
     },
     /// A trial ended and its end is stored.
@@ -114,7 +113,7 @@ pub enum Event {
         /// Id of the source, and the reason.
         reason: String,
     },
-    /// An obstacle lies at the place of a trial; the trial stays missing, and the others go on.
+    /// An obstacle blocks the place of a trial; the trial stays missing, and the others continue.
     Obstructed {
         /// Index into the list of tasks.
         trial: usize,
@@ -134,13 +133,13 @@ pub enum Event {
         /// Index into the list of tasks.
         trial: usize,
     },
-    /// The place of a slot cannot be reached; its trial goes back to the other slots.
+    /// The place of a slot cannot be reached; its trial is given to the other slots.
     Lost {
         /// Worker slot.
         slot: usize,
         /// The place, and the reason.
         problem: String,
-        /// The wait before the next attempt to reach it; `None` where it is given up.
+        /// The wait before the next attempt to reach it; `None` if it is given up.
         wait: Option<Duration>,
     },
     /// A slot has failed and takes no further trial.
@@ -159,16 +158,16 @@ pub struct Task<'a> {
     pub trial: &'a Trial,
     /// Number of steps of the trial.
     pub cost: u64,
-    /// Seconds per step of earlier trials of its agent in its environment; `None` where none is stored. Long
-    /// paths start first.
+    /// Seconds per step of earlier trials of its agent in its environment; `None` if none is stored. Long paths start
+    /// first.
     pub pace_s: Option<f64>,
     /// Limits of each attempt.
     pub limits: Arc<Limits>,
-    /// Stored end of the trial, where it runs again all the same.
+    /// Stored end of the trial, if it runs again in spite of it.
     pub before: Option<TrialEnd>,
     /// Ids of the trials that must have ended `ok` before it begins.
     pub after: Vec<String>,
-    /// The step at which the trial pauses, once that is measured; `None` to go to its end.
+    /// The step at which the trial pauses after the measurement there; `None` to run to its end.
     pub until: Option<u64>,
     /// Cores and cards that the trial needs.
     pub needs: Needs,
@@ -177,18 +176,18 @@ pub struct Task<'a> {
 /// Settings of a run: machines, stops and intervals.
 #[derive(Debug, Clone)]
 pub struct Workers {
-    /// The cores of this machine, each with a worker process, and its cards; unused where there are hosts.
+    /// The cores of this machine, each with a worker process, and its cards; unused if there are hosts.
     pub capacity: Capacity,
     /// Hosts that run the trials instead of this machine, if any.
     pub hosts: hosts::Hosts,
-    /// The devices of the worker processes here, which take turns, as
-    /// [`device::VARIABLE`](crate::device::VARIABLE) has each; empty where learners compute in these processes.
+    /// The devices of the worker processes here, which are assigned in turn, each in the form of
+    /// [`device::VARIABLE`](crate::device::VARIABLE); empty if learners compute in these processes.
     pub devices: Vec<String>,
-    /// Set from outside to stop: no new trial starts, and running ones save a checkpoint and leave.
+    /// Set from outside to stop: no new trial starts, and running ones save a checkpoint and exit.
     pub stop: Arc<AtomicBool>,
     /// Whether to stop at the first trial that does not end `ok`.
     pub fail_fast: bool,
-    /// Whether to wait for trials that other programs run; otherwise they are left to them.
+    /// Whether to wait for trials that other programs run; otherwise these are left to the other programs.
     pub wait_for_others: bool,
     /// Interval between two checkpoints of a trial.
     pub checkpoint_every: Duration,
@@ -200,11 +199,11 @@ pub struct Workers {
 
 /// Runs `tasks` and stores their ends; returns when all have ended or the run was stopped.
 ///
-/// The order in which trials run cannot reach a result.
+/// The order in which trials run does not affect results.
 ///
 /// # Errors
-/// [`Error::Worker`] where no worker process can be started; [`Error::File`] where the store cannot be
-/// written, and [`Error::Bucket`] where its shared bucket cannot: the remaining tasks stay missing.
+/// [`Error::Worker`] if no worker process can be started; [`Error::File`] if the store cannot be written, and
+/// [`Error::Bucket`] if its shared bucket cannot. The remaining tasks stay missing.
 pub fn run(
     tasks: &[Task<'_>],
     store: &Store,
@@ -267,7 +266,7 @@ pub fn run(
     })
 }
 
-/// The device of a slot. Devices take turns.
+/// The device of a slot. Devices are assigned in turn.
 fn device_of(workers: &Workers, slot: usize) -> Option<&str> {
     let devices = workers.devices.iter().map(String::as_str);
     devices.cycle().nth(slot % workers.devices.len().max(1))
@@ -281,7 +280,7 @@ fn machines(workers: &Workers) -> Vec<Capacity> {
     }
 }
 
-/// The machine of each slot. Hosts take turns, so that few trials spread over all of them.
+/// The machine of each slot. Hosts are assigned in turn, so that few trials spread over all of them.
 fn places(workers: &Workers) -> Vec<usize> {
     let cores: Vec<usize> = machines(workers).iter().map(|it| it.cores).collect();
     let most = cores.iter().copied().max().unwrap_or(0);

@@ -1,4 +1,4 @@
-//! Worker processes, which the slot that talks to one and the thread that watches it share.
+//! Worker processes, each shared by the slot that talks to it and the thread that watches it.
 
 use super::{
     silence::{Silence, WatchedReader},
@@ -66,7 +66,7 @@ impl Runner for Worker<'_> {
             let (status, exceeded) = self.process.bury();
             let by_limit = exceeded.is_some();
             if is_stop(status) {
-                // A signal that stops all processes of a run reaches the scheduling one too: it decides what
+                // A signal that stops all processes of a run also reaches the scheduling one, which decides what
                 // follows.
                 clock::sleep(TOLD);
             }
@@ -77,7 +77,7 @@ impl Runner for Worker<'_> {
                 by_limit,
             });
         };
-        // A process whose trial panicked leaves after saying so.
+        // A process whose trial panicked exits after reporting it.
         if matches!(&reply, Reply::Ended { end } if end.state == EndState::Panicked) {
             self.process.dismiss();
         } else if self.process.end() {
@@ -101,7 +101,7 @@ fn worker(program: &Path, device: Option<&str>) -> Command {
     command
 }
 
-/// Passes on the messages of the process until its last one; `None` where it died without one.
+/// Passes on the messages of the process until its last one; `None` if it died without one.
 fn listen(replies: &mut Replies, progress: &mut dyn FnMut(u64, u64)) -> Option<Reply> {
     loop {
         let mut line = String::new();
@@ -120,14 +120,14 @@ fn listen(replies: &mut Replies, progress: &mut dyn FnMut(u64, u64)) -> Option<R
 /// Messages of a process.
 pub(super) type Replies = BufReader<WatchedReader<ChildStdout>>;
 
-/// Time in which an idle process leaves once its input has ended.
+/// Time in which an idle process must exit once its input has ended.
 const LEAVES_WITHIN: Duration = Duration::from_secs(5);
-/// Silence that is allowed to a process that was told to stop, where silence counts.
+/// Silence that is allowed to a process that was told to stop, if silence is limited.
 const STOPS_WITHIN: Duration = Duration::from_secs(10);
-/// Largest piece that is written at once, in bytes: a process that accepts one is not silent.
+/// Largest piece that is written at once, in bytes; a process that accepts one is not silent.
 const PIECE: usize = 1 << 16;
 
-/// The process of one slot, where it has one.
+/// The process of one slot, if it has one.
 #[derive(Default)]
 pub(super) struct WorkerProcess {
     process: Mutex<Option<Process>>,
@@ -135,11 +135,11 @@ pub(super) struct WorkerProcess {
 
 struct Process {
     child: Child,
-    /// Pipe to the process. Its own lock is held while writing: a process that accepts no input can still be
-    /// ended.
+    /// Pipe to the process. It has its own lock, which is held while writing, so that a process that accepts no input
+    /// can still be ended.
     requests: Arc<Mutex<ChildStdin>>,
     silence: Silence,
-    /// Silence after which the process counts as lost while an answer is waited for.
+    /// Silence after which a process that owes an answer counts as lost.
     patience: Option<Duration>,
     busy: Option<ActiveRequest>,
 }
@@ -148,13 +148,13 @@ struct ActiveRequest {
     since: Instant,
     limits: Arc<Limits>,
     told_to_stop: bool,
-    /// The exceeded limit, set before the process is ended for it.
+    /// The exceeded limit, set before the process is ended because of it.
     exceeded: Option<(EndState, String)>,
 }
 
 impl WorkerProcess {
-    /// Starts a process, and returns the reader of its messages. A process that is silent for longer than
-    /// `patience` while an answer is waited for is ended with all its descendants: its group is its own.
+    /// Starts a process, and returns the reader of its messages. A process that owes an answer and is silent for longer
+    /// than `patience` is ended with all its descendants; it has its own process group.
     pub(super) fn start(&self, command: &mut Command, patience: Option<Duration>) -> Result<Replies, Error> {
         let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = piped.spawn().map_err(|source| Error::Worker {
@@ -194,7 +194,7 @@ impl WorkerProcess {
         pieces.try_for_each(|piece| silence.during(|| requests.write_all(piece)))
     }
 
-    /// Sends a message; the process is busy with a trial from now on. A process that is gone shows when its
+    /// Sends a message; the process is busy with a trial from now on. If the process is gone, that is noticed when its
     /// answer is read.
     pub(super) fn begin(&self, message: &str, limits: &Arc<Limits>) {
         let _ = self.write(format!("{message}\n").as_bytes());
@@ -209,8 +209,8 @@ impl WorkerProcess {
         }
     }
 
-    /// Records the answer of the process; false where it can serve no more, because it was ended for a limit
-    /// in that moment.
+    /// Records the answer of the process; false if it can no longer serve, because it was ended for a limit at that
+    /// moment.
     pub(super) fn end(&self) -> bool {
         let doomed = match self.lock().as_mut() {
             Some(process) => process.busy.take().is_none_or(|busy| busy.exceeded.is_some()),
@@ -222,12 +222,12 @@ impl WorkerProcess {
         !doomed
     }
 
-    /// Reaps a process that has ended: its exit status and the limit for which it was ended.
+    /// Reaps a process that has ended: returns its exit status and the limit for which it was ended.
     pub(super) fn bury(&self) -> (Option<ExitStatus>, Option<(EndState, String)>) {
         let process = self.lock().take();
         match process {
             Some(Process { mut child, busy, .. }) => {
-                // The process closed its output; one that still lives is of no use.
+                // The process closed its output; if it is still alive, it is useless.
                 let _ = child.kill();
                 (child.wait().ok(), busy.and_then(|busy| busy.exceeded))
             }
@@ -235,7 +235,7 @@ impl WorkerProcess {
         }
     }
 
-    /// Lets an idle process leave: the end of its input tells it to. A process that does not leave is ended.
+    /// Lets an idle process exit by ending its input. A process that does not exit is ended.
     pub(super) fn dismiss(&self) {
         let process = self.lock().take();
         let Some(Process {
@@ -256,8 +256,8 @@ impl WorkerProcess {
         }
     }
 
-    /// Tells a busy process, once, to save a checkpoint and stop. From now on a shorter silence is allowed,
-    /// also where it is not busy yet: while a connection is made, or a trial is sent.
+    /// Tells a busy process, once, to save a checkpoint and stop. From now on a shorter silence is allowed, even if it
+    /// is not busy yet, while a connection is made or a trial is sent.
     pub(super) fn ask_to_stop(&self) {
         let mut process = self.look();
         let Some(process) = process.as_deref_mut().and_then(Option::as_mut) else {
@@ -299,7 +299,7 @@ impl WorkerProcess {
         {
             busy.exceeded = exceeded(&busy.limits, clock::since(busy.since), child.id());
             match &busy.exceeded {
-                // Descendants hold the memory, and do not notice the end of the worker for a while.
+                // The memory is held by descendants, which do not notice the end of the worker for a while.
                 Some((EndState::Oom, _)) => {
                     let family = family(child.id());
                     family.into_iter().rev().for_each(|pid| signal(pid, Signal::Kill));
@@ -317,7 +317,7 @@ impl WorkerProcess {
             .is_some_and(|process| process.patience.is_none())
     }
 
-    /// The process, unless its slot is talking to it: the watching thread looks again.
+    /// The process, unless its slot is talking to it; the watching thread then tries again later.
     fn look(&self) -> Option<MutexGuard<'_, Option<Process>>> {
         match self.process.try_lock() {
             Ok(process) => Some(process),
@@ -327,12 +327,12 @@ impl WorkerProcess {
     }
 
     fn lock(&self) -> MutexGuard<'_, Option<Process>> {
-        // The shared value is replaced as a whole, so that it is whole after a panic elsewhere.
+        // The shared value is replaced as a whole, so that it is consistent after a panic elsewhere.
         self.process.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Whether a process was ended by a signal by which people, terminals and batch systems stop programs.
+/// Whether a process was ended by a signal with which users, terminals and batch systems stop programs.
 fn is_stop(status: Option<ExitStatus>) -> bool {
     use std::os::unix::process::ExitStatusExt;
     status
@@ -363,7 +363,7 @@ fn explain(status: Option<ExitStatus>) -> (EndState, String) {
 mod tests {
     use super::*;
 
-    /// A process that is silent on both pipes, and whose descendants hold them.
+    /// A process that is silent on both pipes and has descendants that hold them.
     fn silent(shared: &WorkerProcess, patience: Duration) -> Replies {
         use std::os::unix::process::CommandExt as _;
         let mut command = Command::new("sh");

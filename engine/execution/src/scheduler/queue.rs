@@ -1,6 +1,6 @@
-//! Order of the trials. First come trials whose sources have ended, by the longest remaining path of trials
-//! that take from each other; then trials whose retry is due and trials that other programs may have left. A
-//! trial begins where its machine has enough free cores and cards.
+//! Order of the trials. First come trials whose sources have ended, by the longest remaining path of trials that take
+//! from each other. Then come trials whose retry is due and trials that other programs may have left. A trial begins if
+//! its machine has enough free cores and cards.
 
 use super::Task;
 use crate::{
@@ -30,7 +30,7 @@ pub(super) enum NextStep {
     Try(TrialAttempt),
     /// Wait: no trial is due yet.
     Wait(Duration),
-    /// Leave: no trial is left.
+    /// Exit: no trial is left.
     Done,
 }
 
@@ -62,13 +62,13 @@ struct QueueState<'a> {
     paths: Vec<u64>,
     /// Tasks whose sources have ended, longest path first.
     ready: BTreeSet<(Reverse<u64>, usize)>,
-    /// Number of a task's sources that this program has still to run, or is running.
+    /// Number of a task's sources that this program is running or has yet to run.
     awaited: Vec<usize>,
     later: Vec<Deferral>,
     /// Free cores and cards of each machine.
     pools: Vec<Pool>,
-    /// Trials that slots work on, each with its machine and its share: one of them may come back as a retry,
-    /// or be the source of another one.
+    /// Trials that slots work on, each with its machine and its share. One of them may return as a retry, or be the
+    /// source of another.
     busy: BTreeMap<usize, (usize, Share)>,
 }
 
@@ -121,8 +121,8 @@ impl<'a> Queue<'a> {
         }
     }
 
-    /// Records the time of a trial. The first trial of an agent in an environment renews the order of the
-    /// remaining ones.
+    /// Records the time of a trial. The first trial of an agent in an environment changes the order of the remaining
+    /// ones.
     pub(super) fn note_pace(&self, task: usize, wall_s: f64) {
         let Task { trial, cost, .. } = &self.tasks[task];
         let mut state = self.lock();
@@ -159,7 +159,7 @@ impl<'a> Queue<'a> {
         }
     }
 
-    /// Ends a trial that needs no further attempt; trials that take from it are considered.
+    /// Ends a trial that needs no further attempt; trials that take from it may become ready.
     pub(super) fn done(&self, task: usize) {
         let mut state = self.lock();
         state.give_back(self.tasks, task);
@@ -183,13 +183,13 @@ impl<'a> Queue<'a> {
         });
     }
 
-    /// Puts a trial back that cannot begin yet: another program has it, or has its source.
+    /// Puts back a trial that cannot begin yet, because another program has it or its source.
     pub(super) fn held(&self, turn: TrialAttempt) {
         self.retry(turn, HELD_FOR);
     }
 
     fn lock(&self) -> MutexGuard<'_, QueueState<'a>> {
-        // No operation above can panic half-way, so that a poisoned queue is still whole.
+        // No operation above can panic half-way, so a poisoned queue is still consistent.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -209,8 +209,8 @@ impl QueueState<'_> {
         Some(TrialAttempt { share, ..turn })
     }
 
-    /// The first trial in order that fits the free cores and cards. Earlier trials keep the cores that they
-    /// wait for from later ones.
+    /// The first trial in order that fits the free cores and cards. Earlier trials reserve the cores that they wait for
+    /// against later ones.
     fn first_that_fits(&mut self, tasks: &[Task<'_>], machine: usize) -> Option<TrialAttempt> {
         let mut free = self.pools[machine].clone();
         let mut fitting = None;
@@ -246,10 +246,9 @@ impl QueueState<'_> {
     }
 }
 
-/// Length in microseconds of the longest path that begins with each task. A plan has no circles, so that
-/// every path ends. An agent without a known pace in an environment counts with its slowest known
-/// environment, and an agent without any known pace with the slowest known one: such agents begin early, so
-/// that their paces become known.
+/// Length in microseconds of the longest path that begins with each task. A plan has no cycles, so every path ends. An
+/// agent without a known pace in an environment counts with its slowest known environment, and an agent without any
+/// known pace counts with the slowest known one: such agents begin early, so that their paces become known.
 fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>, paces: &Paces<'_>) -> Vec<u64> {
     let slowest = paces.slowest().unwrap_or_default().max(1e-6);
     #[expect(
@@ -326,7 +325,7 @@ mod tests {
         }
     }
 
-    /// A machine with so many cores.
+    /// A machine with this number of cores.
     fn machine(cores: usize) -> [Capacity; 1] {
         let gpus = Vec::new();
         [Capacity { cores, gpus }]

@@ -10,15 +10,15 @@ pub(super) enum Readiness {
     Ready,
     /// Another program works on one of the sources.
     Elsewhere(String, Owner),
-    /// One source does not end well by itself, for this reason.
+    /// One source will not end successfully by itself, for this reason.
     Unready(String),
 }
 
-/// State of the sources of a trial. This program has none of them still to run.
+/// State of the sources of a trial. This program no longer has any of them to run.
 pub(super) fn readiness(after: &[String], store: &Store) -> Readiness {
     let mut answer = Readiness::Ready;
     for source in after {
-        // In this order, so that a source that ends between the two looks is seen to have ended.
+        // Read in this order, so that a source that ends between the two reads is seen as ended.
         let (owner, end) = (store.running(source), store.end(source));
         match (end, owner) {
             (

@@ -1,4 +1,4 @@
-//! Silence of the other side of a connection: time without a byte from it, or without room for one to it.
+//! Silence of the other side of a connection: time without receiving a byte from it, or without it accepting one.
 
 use crate::world::clock;
 use std::{
@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Begin of the current wait; `None` while there is none. The waiting and the watching thread share it.
+/// Beginning of the current wait; `None` while there is none. The waiting and the watching thread share it.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Silence(Arc<Mutex<Option<Instant>>>);
 

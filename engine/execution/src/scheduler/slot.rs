@@ -24,18 +24,19 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// First wait before a place is tried again; it doubles up to 16 times that.
+/// First wait before a place is tried again; it doubles up to 16 times this value.
 const SHORTEST_WAIT: Duration = Duration::from_secs(1);
 
-/// A signal to a group of processes reaches all of them within this time.
+/// Time within which a signal to a group of processes reaches all of them.
 const SIGNALLED_WITHIN: Duration = Duration::from_millis(100);
 
-/// Runner of the trials of a slot: outside tests, a process of its own.
+/// Runner of the trials of a slot; outside tests it is a separate process.
 pub(super) trait Runner {
-    /// Runs a trial to its end, its pause, or until it is stopped; `progress` receives steps done and in all.
+    /// Runs a trial to its end, to its pause, or until it is stopped; `progress` receives the steps done and the total
+    /// steps.
     ///
     /// # Errors
-    /// [`Error::Worker`] where no trial can be run.
+    /// [`Error::Worker`] if no trial can be run.
     fn run(
         &mut self,
         request: Request,
@@ -70,9 +71,9 @@ pub(super) enum RequestOutcome {
     Died {
         /// End state of the trial.
         state: EndState,
-        /// The reason, in words.
+        /// The reason, as text.
         reason: String,
-        /// Whether the process was ended for a limit.
+        /// Whether the process was ended because of a limit.
         by_limit: bool,
     },
     /// The result is unknown: the place of the runner cannot be reached, for this reason.
@@ -85,11 +86,11 @@ pub(super) struct SlotContext<'a> {
     pub(super) tasks: &'a [Task<'a>],
     pub(super) store: &'a Store,
     pub(super) leases: &'a Leases,
-    /// Leases in the bucket by which the store is shared, where there is one.
+    /// Leases in the bucket that shares the store, if there is one.
     pub(super) shared_leases: Option<&'a BucketLeases>,
     pub(super) workers: &'a Workers,
     pub(super) queue: &'a Queue<'a>,
-    /// Set from within to stop: a failure under `fail_fast`, or a store that cannot be written.
+    /// Set internally to stop: a failure under `fail_fast`, or a store that cannot be written.
     pub(super) halt: &'a AtomicBool,
 }
 
@@ -101,7 +102,7 @@ pub(super) struct Slot<'a, R> {
     all: SlotContext<'a>,
     runner: R,
     events: &'a Sender<Event>,
-    /// Begin and number of the failed attempts to reach its place; `None` where the last one succeeded.
+    /// Beginning and number of the failed attempts to reach its place; `None` if the last one succeeded.
     lost: Option<(Instant, u32)>,
     /// Whether its place could not be reached within the patience for it.
     is_given_up: bool,
@@ -170,7 +171,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(())
     }
 
-    /// Reports an obstacle at the place of one trial; it concerns no other trial.
+    /// Reports an obstacle at the place of one trial; it affects no other trial.
     fn pass_over(&self, trial: usize, obstacle: &Error) {
         let reason = obstacle.to_string();
         self.tell(Event::Obstructed { trial, reason });
@@ -181,7 +182,8 @@ impl<'a, R: Runner> Slot<'a, R> {
         self.all.workers.stop.load(Ordering::SeqCst) || self.all.halt.load(Ordering::SeqCst)
     }
 
-    /// Whether the run is being stopped, by a signal that may have reached a process of the group before this one.
+    /// Whether the run is being stopped, by a signal that may have reached another process of the group before this
+    /// one.
     fn is_stopped_too(&self) -> bool {
         let died = clock::now();
         while !self.stopping() && clock::since(died) < SIGNALLED_WITHIN {
@@ -231,8 +233,8 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(())
     }
 
-    /// As [`under_lease`](Self::under_lease), where machines share trials by a bucket: claims the trial there
-    /// as well, and fetches it where another machine has ended it.
+    /// Like [`under_lease`](Self::under_lease), if machines share trials by a bucket: also claims the trial there, and
+    /// fetches it if another machine has ended it.
     fn under_shared_lease(&mut self, turn: TrialAttempt) -> Result<(), Error> {
         let (Some(leases), Some(bucket)) = (self.all.shared_leases, self.all.store.bucket()) else {
             return self.under_lease(turn);
@@ -251,7 +253,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(())
     }
 
-    /// Another program has the trial: this one waits for it, or continues without it.
+    /// Leaves a trial to the program that has it: waits for it, or continues without it.
     fn leave_to(&self, owner: Owner, turn: TrialAttempt) {
         if !self.all.workers.wait_for_others {
             self.all.queue.done(turn.task);
@@ -272,7 +274,7 @@ impl<'a, R: Runner> Slot<'a, R> {
             self.all.queue.done(index);
             return Ok(());
         }
-        // Another program may have brought it to its pause meanwhile.
+        // Another program may meanwhile have run it to its pause.
         let measured = || self.all.store.measured_until(&task.trial.id);
         if task
             .until
@@ -307,7 +309,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         Ok(())
     }
 
-    /// Puts the trial back for other slots; its place is tried again later.
+    /// Puts the trial back for other slots; the slot's place is tried again later.
     fn lose(&mut self, turn: TrialAttempt, problem: String) {
         self.all.queue.retry(turn, Duration::ZERO);
         let (since, times) = self.lost.unwrap_or((clock::now(), 0));
@@ -326,7 +328,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         }
     }
 
-    /// Decides whether the end is final; a final end goes to the other machines.
+    /// Decides whether the end is final; a final end is copied to the other machines.
     fn ended(&self, turn: TrialAttempt, end: TrialEnd) -> Result<(), Error> {
         let index = turn.task;
         match self.all.tasks[index].limits.retry_after(end.state, turn.attempt) {
@@ -420,7 +422,7 @@ impl<'a, R: Runner> Slot<'a, R> {
             device: None,
             digest: String::new(),
         };
-        // The process may have stored its trial and died before it could say so.
+        // The process may have stored its trial and died before it could report it.
         if let Some(stored) = self.new_end(task, turn) {
             return Ok(AttemptOutcome::Ended(stored));
         }
@@ -429,14 +431,14 @@ impl<'a, R: Runner> Slot<'a, R> {
         ))
     }
 
-    /// The stored end of a trial, where it differs from the known one.
+    /// The stored end of a trial, if it differs from the known one.
     fn new_end(&self, task: &Task<'_>, turn: &TrialAttempt) -> Option<TrialEnd> {
         let stored = self.all.store.end(&task.trial.id).unwrap_or(None);
         stored.filter(|end| !is_missing(Some(end)) && turn.before.as_ref() != Some(end))
     }
 
     fn tell(&self, event: Event) {
-        // A caller that receives no more events needs none; the trials go on.
+        // A caller that no longer receives events needs none; the trials continue.
         let _ = self.events.send(event);
     }
 }

@@ -1,4 +1,4 @@
-//! The watching thread: leases, limits, the wish to stop.
+//! The watching thread: leases, limits, stop requests.
 
 use super::process::WorkerProcess;
 use crate::{
@@ -10,18 +10,17 @@ use std::{
     time::Duration,
 };
 
-/// Interval between two checks of the processes: a process that takes memory as fast as it can gets some 50
-/// MB in it.
+/// Interval between two checks of the processes; a process that takes memory as fast as it can gets about 50 MB in it.
 const PERIOD: Duration = Duration::from_millis(20);
 
-/// A check that comes so much late shows that this program was suspended, with its children.
+/// Delay of a check that shows that this program was suspended, with its children.
 const SUSPENDED: Duration = Duration::from_secs(1);
 
 /// Processes, leases and flags of the watching thread.
 pub(super) struct Watch<'a> {
     pub(super) children: &'a [WorkerProcess],
     pub(super) leases: &'a Leases,
-    /// The wish to stop from outside, and from within.
+    /// The stop request from outside, and the internal one.
     pub(super) stop: &'a AtomicBool,
     pub(super) halt: &'a AtomicBool,
     /// Whether the slots still work.
@@ -42,7 +41,7 @@ impl Watch<'_> {
             }
             if clock::since(renewed) >= heartbeat {
                 renewed = clock::now();
-                // A store that cannot be written now shows at the next trial; until then the leases only look
+                // A store that cannot be written now is noticed at the next trial; until then the leases only look
                 // older.
                 let _ = self.leases.beat();
             }
@@ -56,14 +55,14 @@ impl Watch<'_> {
     }
 }
 
-/// Renews the leases in a bucket until the slots are done. A thread of its own does it: a service that does
-/// not answer must not block limits and the wish to stop.
+/// Renews the leases in a bucket until the slots are done. A separate thread does it, since a service that does not
+/// answer must not block limits and stop requests.
 pub(super) fn renew(leases: &BucketLeases, on: &AtomicBool, heartbeat: Duration) {
     let mut renewed = clock::now();
     while on.load(Ordering::SeqCst) {
         if clock::since(renewed) >= heartbeat {
             renewed = clock::now();
-            // As above: until the service answers again the leases only look older.
+            // As above: until the service answers again, the leases only look older.
             let _ = leases.beat();
         }
         std::thread::park_timeout(PERIOD);

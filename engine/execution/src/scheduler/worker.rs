@@ -1,4 +1,4 @@
-//! The inside of a worker process, which runs one trial for each line of input.
+//! The program inside a worker process, which runs one trial for each line of input.
 
 use crate::{
     device::Connection,
@@ -43,7 +43,7 @@ pub struct Request {
     pub store: PathBuf,
     /// Interval between two checkpoints, in seconds.
     pub checkpoint_every_s: f64,
-    /// The step at which the trial pauses, once that is measured.
+    /// The step at which the trial pauses after the measurement there.
     #[serde(default)]
     pub until: Option<u64>,
     /// Allowed silence, in seconds, of a program that trains itself.
@@ -62,7 +62,7 @@ pub enum Reply {
     Progress {
         /// Steps done.
         done: u64,
-        /// Steps in all.
+        /// Total number of steps.
         total: u64,
     },
     /// The trial ended and its end is stored.
@@ -70,7 +70,7 @@ pub enum Reply {
         /// End of the trial.
         end: TrialEnd,
     },
-    /// The trial was stopped as asked and will continue from its checkpoint.
+    /// The trial was stopped on request and will continue from its checkpoint.
     Stopped,
     /// The trial has reached its pause.
     Paused,
@@ -81,7 +81,7 @@ pub enum Reply {
     },
     /// The device on which the trial's learners compute is lost; the trial stays missing.
     DeviceLost {
-        /// What is wrong.
+        /// The problem, as a sentence.
         problem: String,
     },
     /// The store cannot be written; the trial stays missing.
@@ -93,11 +93,11 @@ pub enum Reply {
 
 /// Answers requests until the input ends.
 ///
-/// The end of the input while a trial runs means that the program that asked is gone: the process leaves at
-/// once, so that the program that takes the trial over has it alone.
+/// If the input ends while a trial runs, the requesting program is gone. The process then exits at once, so that the
+/// program that takes over the trial has it alone.
 ///
 /// # Errors
-/// [`Error::Worker`] where the other side is gone.
+/// [`Error::Worker`] if the other side is gone.
 pub fn serve(
     registry: &Registry,
     device: Option<&Connection>,
@@ -118,8 +118,8 @@ pub fn serve(
         let last = panicked || matches!(reply, Reply::Stopped) && stops.signalled.load(Ordering::SeqCst);
         say(&mut replies, &reply)?;
         if last {
-            // A trial that panicked, or lost a process, may have left memory in any state: the next trial
-            // gets a fresh process.
+            // A trial that panicked, or lost a process, may have left memory in any state, so the next trial gets a new
+            // process.
             break;
         }
     }
@@ -138,19 +138,19 @@ fn listen(input: impl BufRead, stops: &Stops, requests: &mpsc::Sender<Request>) 
                     return;
                 }
             }
-            // Only our own program writes here; an incomplete message ends the conversation.
+            // Only this program writes here; an incomplete message ends the conversation.
             _ => return,
         }
     }
 }
 
-/// The wishes to stop that reach a worker.
+/// The stop requests that reach a worker.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Stops {
-    /// Set when the scheduler asks the running trial to save a checkpoint and leave.
+    /// Set when the scheduler asks the running trial to save a checkpoint and exit.
     asked: Arc<AtomicBool>,
-    /// A signal to the whole group of processes (Ctrl-C, the end of a batch job) came since the trial began.
-    /// The scheduler answers it; processes of the trial may not have survived it.
+    /// A signal to the whole group of processes (Ctrl-C, the end of a batch job) came since the trial began. The
+    /// scheduler handles it; processes of the trial may not have survived it.
     signalled: Arc<AtomicBool>,
 }
 
@@ -208,7 +208,7 @@ fn attempt(
     let mut progress = |done, total| {
         if clock::since(told) > Duration::from_millis(200) {
             told = clock::now();
-            // A scheduler that is gone shows when the end is reported.
+            // If the scheduler is gone, that is noticed when the end is reported.
             let _ = say(replies, &Reply::Progress { done, total });
         }
     };
@@ -290,8 +290,7 @@ fn answered(
     };
     let end = store.acknowledge(trial, end)?;
     if end.state != EndState::Killed {
-        // The trial would fail again from its checkpoint; once the cause is mended it has to run from the
-        // start.
+        // The trial would fail again from its checkpoint; once the cause is fixed it must run from the start.
         RunningTrial::discard(&folder)?;
     }
     Ok(Reply::Ended { end })

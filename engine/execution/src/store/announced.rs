@@ -1,8 +1,8 @@
-//! Announcements of external environments, from the last time that each was made: with them a study is read
-//! without running any of it, also on a machine or in a shell that could not make its environments.
+//! Announcements of external environments, from the last time that each was made. With them a study is read without
+//! running any environment, even on a machine or in a shell that cannot make them.
 //!
-//! A record belongs to one identity, so that a changed environment has none. It can be remade at any time: a
-//! damaged record, or one of another program, is skipped.
+//! A record belongs to one identity, so a changed environment has none. It can be made again at any time: a damaged
+//! record, or one of another program, is skipped.
 
 use super::remade;
 use crate::world::fs;
@@ -14,8 +14,7 @@ use std::path::{Path, PathBuf};
 pub(super) const FOLDER: &str = "environments";
 /// Key of the announcement in a record.
 const KEY: &str = "announced";
-/// Version of the announcements; raised whenever an environment of the same config would announce something
-/// else.
+/// Version of the announcements; raised whenever an environment with the same config would announce something else.
 const VERSION: u32 = 2;
 
 /// Records of announcements in a store.
@@ -36,7 +35,7 @@ impl Announcements {
         }
     }
 
-    /// The same records, with every environment made all the same.
+    /// The same records, but every environment is made in spite of them.
     #[must_use]
     pub fn doubted(self) -> Self {
         Self {
@@ -45,7 +44,7 @@ impl Announcements {
         }
     }
 
-    /// The announcement of the environment of an identity; `None` where it is unknown or not to be believed.
+    /// The announcement of the environment with an identity; `None` if it is unknown or must not be used.
     pub fn recall<T: DeserializeOwned>(&self, id: &str) -> Option<T> {
         if !self.is_believed {
             return None;
@@ -58,7 +57,7 @@ impl Announcements {
         fs::is_folder(&self.store)
     }
 
-    /// Keeps the announcement of an environment. An announcement that cannot be kept is asked for again.
+    /// Stores the announcement of an environment. If it cannot be stored, the environment is made again next time.
     pub fn keep(&self, id: &str, announced: &impl Serialize) {
         remade::keep(&self.place(id), KEY, announced);
     }

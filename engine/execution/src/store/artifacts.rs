@@ -14,12 +14,11 @@ use std::{
 };
 
 impl Store {
-    /// The folder of a trial with the artifact that it left, each file of it held against the acknowledged
+    /// The folder of a trial with the artifact that it left, after each of its files was compared with the acknowledged
     /// hash.
     ///
     /// # Errors
-    /// [`Error::Source`] where the trial did not end `ok`, left no such artifact, or left one that is damaged
-    /// now.
+    /// [`Error::Source`] if the trial did not end `ok`, left no such artifact, or left one that is now damaged.
     pub fn artifact(&self, taken: &Taken) -> Result<PathBuf, Error> {
         let problem = || Error::Source {
             trial: taken.trial.clone(),
@@ -32,10 +31,10 @@ impl Store {
         self.artifact_if_left(taken)?.ok_or_else(problem)
     }
 
-    /// As [`artifact`](Self::artifact), and `None` where the trial left no such artifact.
+    /// Like [`artifact`](Self::artifact), but `None` if the trial left no such artifact.
     ///
     /// # Errors
-    /// [`Error::Source`] where the trial did not end `ok`, or left one that is damaged now.
+    /// [`Error::Source`] if the trial did not end `ok`, or left one that is now damaged.
     pub fn artifact_if_left(&self, taken: &Taken) -> Result<Option<PathBuf>, Error> {
         let Taken { trial: id, kind } = taken;
         let unusable = |problem: String| Error::Source {
@@ -64,11 +63,11 @@ impl Store {
         }
     }
 
-    /// Copies the files of an artifact whose paths begin with `below` into a folder, under the rest of their
-    /// paths; the written bytes are those that were held against the acknowledged hashes.
+    /// Copies the files of an artifact whose paths begin with `below` into a folder, under the rest of their paths. The
+    /// written bytes are those that were compared with the acknowledged hashes.
     ///
     /// # Errors
-    /// [`Error::Source`] as for [`artifact`](Self::artifact), [`Error::File`] where the folder cannot be written.
+    /// [`Error::Source`] as for [`artifact`](Self::artifact), [`Error::File`] if the folder cannot be written.
     pub fn copy_artifact(&self, taken: &Taken, below: &str, to: &Path) -> Result<(), Error> {
         let from = self.artifact(taken)?;
         let file = self.file(&taken.trial)?;

@@ -1,5 +1,5 @@
-//! Quarantine of the store: a faulty file is moved into a numbered folder of the store, under its own path,
-//! and none is lost.
+//! Quarantine of the store. A faulty file is moved into a numbered folder of the store, under its own path, and none is
+//! lost.
 
 use super::{
     Claim, Finding, Findings, Leases, Store, absent_is_fine,
@@ -27,11 +27,11 @@ impl Store {
         ended.par_iter().filter(is_damaged).map(|(id, _)| *id).collect()
     }
 
-    /// Sets aside damaged files of trials, so that the trials are missing. Trials that another process
-    /// computes are left to it.
+    /// Sets aside damaged files of trials, after which the trials are missing. Trials that another process computes are
+    /// left to that process.
     ///
     /// # Errors
-    /// [`Error::File`] where a file cannot be moved.
+    /// [`Error::File`] if a file cannot be moved.
     pub fn heal(&self, ids: &[&str], leases: &Leases) -> Result<Findings, Error> {
         refuse_links(self)?;
         let mut mine = Vec::new();
@@ -71,7 +71,7 @@ impl Store {
         check.inspect(folder.strip_prefix(self.root()).unwrap_or(&folder), id);
         let mut findings = check.found.findings;
         if !findings.iter().any(|finding| finding.trial.is_some()) {
-            // The trial became whole while its lease was waited for.
+            // The trial was completed while its lease was waited for.
             return Vec::new();
         }
         findings.retain(|finding| finding.trial.is_some() || finding.is_result());
@@ -91,8 +91,7 @@ impl Store {
         })
     }
 
-    /// Moves the findings into a new folder and returns its path inside the store; `None` where no file is to
-    /// be moved.
+    /// Moves the findings into a new folder and returns its path inside the store; `None` if no file must be moved.
     pub(super) fn set_aside(&self, findings: &[Finding]) -> Result<Option<PathBuf>, Error> {
         if !findings.iter().any(|finding| finding.fault.is_moved()) {
             return Ok(None);
@@ -113,7 +112,7 @@ impl Store {
         Ok(Some(aside))
     }
 
-    /// Creates a numbered folder that no other process has.
+    /// Creates a numbered folder that no other process uses.
     fn new_folder(&self) -> Result<PathBuf, Error> {
         let all = self.root.join("aside");
         if fs::is_taken(&all) && !fs::is_folder(&all) {

@@ -1,6 +1,6 @@
-//! Failpoints between the steps of writing, where a crash test ends the process.
+//! Failpoints between the steps of writing, at which a crash test ends the process.
 //!
-//! The program that people run installs no hook, and no setting can make it: only the test program does.
+//! The released program installs no hook, and no setting can make it; only the test program does.
 
 use std::{path::Path, sync::OnceLock};
 
@@ -9,9 +9,9 @@ type FailpointHook = fn(&'static str, &Path);
 
 static HOOK: OnceLock<FailpointHook> = OnceLock::new();
 
-/// Installs the function that is called at every boundary. The first one stays.
+/// Installs the function that is called at every boundary. Only the first one is kept.
 pub fn install(hook: FailpointHook) {
-    // A second hook is a mistake of a test program; the first goes on working.
+    // A second hook is a mistake of a test program; the first stays in use.
     let _ = HOOK.set(hook);
 }
 

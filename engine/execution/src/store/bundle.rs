@@ -1,5 +1,5 @@
-//! Trials on the way to another machine: the files that the acknowledgement of a trial names, held against
-//! their hashes at both ends; for a paused trial, its record up to the pause.
+//! Trials in transit to another machine: the files that the acknowledgement of a trial names, compared with their
+//! hashes at both ends; for a paused trial, its record up to the pause.
 
 use super::{Merge, Store, inside::read_in, merge::acknowledged_files, partial};
 use crate::world::fs;
@@ -21,7 +21,7 @@ pub(crate) type Bundle = Vec<(String, Vec<u8>)>;
 const LAST: &str = "trial.json";
 
 impl Store {
-    /// The files of a trial; `None` where it has neither ended nor paused.
+    /// The files of a trial; `None` if it has neither ended nor paused.
     ///
     /// # Errors
     /// [`Error::Damaged`] for a file that differs from the acknowledged one.
@@ -53,8 +53,8 @@ impl Store {
         }))
     }
 
-    /// Writes a [`bundle`](Self::bundle) of another machine into the store; false where a pause is known here
-    /// already. The caller holds the trial's lease.
+    /// Writes a [`bundle`](Self::bundle) of another machine into the store; false if a pause is already known here. The
+    /// caller holds the trial's lease.
     ///
     /// # Errors
     /// [`BundleError`].
@@ -87,7 +87,7 @@ impl Store {
     }
 }
 
-/// Reason for which a bundle was refused.
+/// Reason why a bundle was refused.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum BundleError {
     /// The bundle differs from the acknowledgement of the other machine, for this reason.
@@ -99,7 +99,7 @@ pub(crate) enum BundleError {
 }
 
 impl BundleError {
-    /// An error about the unpacked files is about the bundle: those files are gone when it is reported.
+    /// An error about the unpacked files is reported as one of the bundle, since those files no longer exist then.
     fn of(error: Error, unpacked: &Path) -> Self {
         match error {
             Error::Damaged { path, problem } if path.starts_with(unpacked) => {
@@ -111,7 +111,7 @@ impl BundleError {
     }
 }
 
-/// Longest file in bytes; a greater length is not believed.
+/// Length of the longest file in bytes; a greater length is refused.
 const MOST_BYTES: u64 = 1 << 36;
 
 /// Names and lengths of the files of a trial, whose bytes follow in this order.
@@ -166,7 +166,7 @@ pub(super) fn to_bytes(id: &str, bundle: &[(String, Vec<u8>)]) -> Vec<u8> {
     bytes
 }
 
-/// The bundle of the trial `id` that [`to_bytes`] wrote; the reason where the bytes are something else.
+/// The bundle of the trial `id` that [`to_bytes`] wrote; the error is the reason why the bytes are something else.
 pub(super) fn from_bytes(id: &str, mut bytes: &[u8]) -> Result<Bundle, String> {
     let mut line = Vec::new();
     // Reading from memory does not fail.

@@ -4,14 +4,14 @@ use crate::world::clock;
 use jiff::Timestamp;
 use std::time::UNIX_EPOCH;
 
-/// This moment, to be noted beside a result; no value that is compared or hashed for identity may hold it.
+/// The current time, for notes beside a result; no value that is compared or hashed for identity may contain it.
 pub fn now() -> String {
     let since = clock::date().duration_since(UNIX_EPOCH);
     rfc_3339_of(since.map_or(0, |since| since.as_secs()))
 }
 
-/// A moment in seconds since 1970 as RFC 3339 writes it, as in `2024-02-29T23:59:59Z`; the order of such
-/// texts is that of time. Moments after the year 9999 become its end.
+/// A moment in seconds since 1970 in the format of RFC 3339, such as `2024-02-29T23:59:59Z`; the order of such texts is
+/// that of time. Moments after the year 9999 become the end of that year.
 pub fn rfc_3339_of(seconds: u64) -> String {
     let seconds = i64::try_from(seconds).unwrap_or(i64::MAX);
     Timestamp::from_second(seconds)
@@ -20,7 +20,7 @@ pub fn rfc_3339_of(seconds: u64) -> String {
         .to_string()
 }
 
-/// The moment that [`rfc_3339_of`] wrote; `None` where it is another text.
+/// The moment that [`rfc_3339_of`] wrote; `None` for any other text.
 pub fn seconds_of(text: &str) -> Option<u64> {
     let moment: Timestamp = text.parse().ok()?;
     let seconds = u64::try_from(moment.as_second()).ok()?;

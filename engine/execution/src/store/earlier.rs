@@ -1,7 +1,7 @@
 //! The earlier end of a trial, kept while it is tried again.
 //!
-//! A trial is tried again by moving its acknowledgement beside its place: it is missing then, whatever
-//! becomes of the process that wanted it, until it has ended anew.
+//! A trial is tried again by moving its acknowledgement to another name beside it. It is then missing until it has
+//! ended again, whatever happens to the process that wanted it.
 
 use super::{Store, boundary, index::parse, inside, remove, sealed_folder::flush};
 use crate::world::fs;
@@ -15,7 +15,7 @@ impl Store {
     /// lease may call it.
     ///
     /// # Errors
-    /// [`Error::File`] where the file cannot be renamed.
+    /// [`Error::File`] if the file cannot be renamed.
     pub fn try_again(&self, id: &str) -> Result<(), Error> {
         let folder = self.folder(id);
         let earlier = folder.join(NAME);
@@ -31,7 +31,7 @@ impl Store {
     }
 }
 
-/// Removes the earlier end of a trial that has ended anew; mostly there is none.
+/// Removes the earlier end of a trial that has ended again; usually there is none.
 pub(super) fn forget(trial: &Path) -> Result<(), Error> {
     remove(&trial.join(NAME))
 }

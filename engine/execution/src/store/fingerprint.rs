@@ -10,14 +10,14 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct Fingerprint {
     /// End state of the trial.
     pub state: EndState,
-    /// Digest of the values in the metrics file; empty where there is none.
+    /// Digest of the values in the metrics file; empty if there is none.
     pub digest: String,
-    /// Digests of its artifacts by path inside the trial's folder: of tables of their values, of others of their
-    /// bytes.
+    /// Digests of its artifacts by path inside the trial's folder: of the values of tables, and of the bytes of other
+    /// files.
     pub files: BTreeMap<String, String>,
-    /// Source code of the program that computed the trial, where it named it.
+    /// Source code of the program that computed the trial, if it was recorded.
     pub build: Option<Build>,
-    /// Time of the end, where the program noted it.
+    /// Time of the end, if the program recorded it.
     pub ended_at: Option<String>,
     /// Whether the agent trained itself, so that honest runs may differ.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -29,9 +29,9 @@ pub struct Fingerprint {
 pub struct Difference {
     /// `state`, `metrics.parquet` or the path of an artifact.
     pub what: String,
-    /// Value of the first copy; empty where it has none.
+    /// Value of the first copy; empty if it has none.
     pub first: String,
-    /// Value of the second copy; empty where it has none.
+    /// Value of the second copy; empty if it has none.
     pub second: String,
 }
 
@@ -56,8 +56,8 @@ impl Fingerprint {
         }
     }
 
-    /// Differences between this copy and `other`; empty where both hold the same values. The program, the
-    /// date and the computing time are measurements and do not count.
+    /// Differences between this copy and `other`; empty if both have the same values. The program, the date and the
+    /// computing time are measurements and do not count.
     #[must_use]
     pub fn differences(&self, other: &Self) -> Vec<Difference> {
         let mut found = Vec::new();
@@ -80,14 +80,14 @@ impl Fingerprint {
         found
     }
 
-    /// Whether two copies that both ended well may differ without damage.
+    /// Whether two copies that both ended successfully may differ without damage.
     #[must_use]
     pub fn may_differ_from(&self, other: &Self) -> bool {
         let is_free = |it: &Self| it.trained_itself && it.state == EndState::Ok;
         is_free(self) && is_free(other)
     }
 
-    /// The program that computed the trial, in words.
+    /// The program that computed the trial, as text.
     #[must_use]
     pub fn by(&self) -> String {
         self.build

@@ -1,7 +1,7 @@
-//! Check of a store: finds faulty files and sets them aside; their trials are then missing and run again.
+//! Check of a store. It finds faulty files and sets them aside; their trials are then missing and run again.
 //!
-//! The check never leaves the store's folder: no link is followed, and the file names in a trial's
-//! acknowledgement are believed only inside the trial's folder.
+//! The check never leaves the store's folder: no link is followed, and the file names in a trial's acknowledgement are
+//! used only inside the trial's folder.
 
 use super::{
     LOOKS, OUTPUT, Store, TrialFile, announced,
@@ -23,26 +23,26 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Reason for which a file was set aside.
+/// Reason why a file was set aside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
-    /// The file differs from the acknowledged one: cut off, changed, or of another trial.
+    /// The file differs from the acknowledged one: truncated, changed, or of another trial.
     Damaged,
-    /// A trial's result without the acknowledgement, or the acknowledgement of a result that is not there.
+    /// A trial's result without the acknowledgement, or the acknowledgement of a missing result.
     Orphaned,
     /// A process that is gone left the file behind.
     Left,
-    /// The file is none of the store's.
+    /// The file does not belong to the store.
     Foreign,
-    /// A later program wrote the file; it stays where it is.
+    /// A later program wrote the file; it is not moved.
     Newer,
-    /// The file cannot be read; it stays where it is.
+    /// The file cannot be read; it is not moved.
     Unreadable,
 }
 
 impl Fault {
-    /// Name of the fault, as it is shown.
+    /// Displayed name of the fault.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -69,7 +69,7 @@ pub struct Finding {
     pub path: PathBuf,
     /// Kind of the fault.
     pub fault: Fault,
-    /// Description of the fault, for people.
+    /// Description of the fault, for users.
     pub problem: String,
     /// The trial that has to run again because of it.
     pub trial: Option<String>,
@@ -85,15 +85,15 @@ impl Finding {
 /// Result of a check.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Findings {
-    /// Number of trials whose files are whole.
+    /// Number of trials whose files are intact.
     pub whole: usize,
-    /// Number of trials that have not ended, with a whole record of a pause.
+    /// Number of trials that have not ended and have an intact record of a pause.
     pub paused: usize,
     /// Number of trials that a living process computes; they were skipped.
     pub running: usize,
     /// The faults, in the order of their paths.
     pub findings: Vec<Finding>,
-    /// Folder of the files that were set aside, inside the store; `None` where none was moved.
+    /// Folder of the files that were set aside, inside the store; `None` if none was moved.
     pub aside: Option<PathBuf>,
 }
 
@@ -106,7 +106,7 @@ impl Store {
     /// findings from the owners of other files in it.
     ///
     /// # Errors
-    /// [`Error::File`] where the store cannot be read, or a file cannot be moved.
+    /// [`Error::File`] if the store cannot be read, or a file cannot be moved.
     pub fn check(&self, mend: bool, further: Vec<Finding>) -> Result<Findings, Error> {
         refuse_links(self)?;
         let mut check = Check::new(self);
@@ -122,7 +122,7 @@ impl Store {
     }
 }
 
-/// A store whose own folders are links is another store in truth, and is not changed through them.
+/// A store whose own folders are links is in fact another store, and is not changed through them.
 pub(super) fn refuse_links(store: &Store) -> Result<(), Error> {
     let linked = ["trials", "aside"]
         .map(|name| store.root.join(name))
@@ -136,12 +136,12 @@ pub(super) fn refuse_links(store: &Store) -> Result<(), Error> {
 pub(super) struct Check<'a> {
     pub(super) store: &'a Store,
     pub(super) found: Findings,
-    /// Paths with a finding: each is reported once, and moved once.
+    /// Paths with a finding; each is reported once and moved once.
     noted: BTreeSet<PathBuf>,
 }
 
 impl<'a> Check<'a> {
-    /// A check that has looked at no file yet.
+    /// A check that has examined no file yet.
     pub(super) fn new(store: &'a Store) -> Self {
         Self {
             store,
@@ -170,7 +170,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Names in a folder of the store; a folder that cannot be read is noted, and the check goes on.
+    /// Names in a folder of the store; a folder that cannot be read is noted, and the check continues.
     pub(super) fn names(&mut self, folder: &Path) -> Vec<String> {
         names(&self.store.root.join(folder)).unwrap_or_else(|error| {
             self.unreadable(folder, &error);
@@ -249,7 +249,7 @@ impl<'a> Check<'a> {
         self.found.whole += usize::from(whole && is_own);
     }
 
-    /// Checks the files of a trial that no process computes; true where the trial is acknowledged.
+    /// Checks the files of a trial that no process computes; true if the trial is acknowledged.
     pub(super) fn inspect(&mut self, folder: &Path, id: &str) -> bool {
         let files = match files_of(&self.store.root.join(folder)) {
             Ok(files) => files,
@@ -261,7 +261,7 @@ impl<'a> Check<'a> {
         let path = folder.join("trial.json");
         let acknowledged = match self.store.file(id) {
             Ok(acknowledged) => acknowledged,
-            // Other files of such a program are not known here.
+            // The other files of such a program are not known here.
             Err(error @ Error::Newer { .. }) => {
                 self.note(path, Fault::Newer, &problem(&error), None);
                 return false;
@@ -293,7 +293,7 @@ impl<'a> Check<'a> {
         if let Some(farthest) = partial.pop() {
             self.partial(folder.join(&farthest), id, acknowledged.as_ref());
             expected.push(farthest);
-            // The process that wrote the farthest record ended before it removed the others.
+            // The process that wrote the latest record ended before it removed the others.
             for name in partial {
                 self.note(folder.join(&name), Fault::Left, "a later pause is stored", None);
                 expected.push(name);
@@ -305,7 +305,7 @@ impl<'a> Check<'a> {
         acknowledged.is_some()
     }
 
-    /// Checks a trial that lies in a pack; files that an interrupted packing left in its folder are known.
+    /// Checks a trial in a pack; files that an interrupted packing left in its folder are accepted.
     fn packed(&mut self, folder: &Path, id: &str, file: &TrialFile) -> Option<String> {
         match self.store.metrics_in_pack(id, &file.end.digest) {
             Ok(Some(_)) => {}
@@ -348,8 +348,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Checks the files that an acknowledgement names; where one is faulty, the acknowledgement is set aside
-    /// with it.
+    /// Checks the files that an acknowledgement names; if one is faulty, the acknowledgement is set aside with it.
     fn results(&mut self, folder: &Path, id: &str, file: &TrialFile) -> Vec<String> {
         let named = acknowledged_files(file);
         let before = self.found.findings.len();
@@ -382,7 +381,7 @@ impl<'a> Check<'a> {
                 &format!("`{name}`: it is not there"),
                 Some(id),
             ),
-            // The obstacle at the file's place, which may be the folder that it should lie in.
+            // The obstacle at the file's place, which may be the folder that should contain the file.
             Err(Error::Damaged { path, problem }) => {
                 let path = path.strip_prefix(&self.store.root).unwrap_or(&path).to_owned();
                 self.note(path, Fault::Damaged, &problem, Some(id));
@@ -391,7 +390,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Checks that metrics can be read: an acknowledged file need not be readable.
+    /// Checks that metrics can be read, since an acknowledged file is not necessarily readable.
     fn readable(&mut self, folder: &Path, id: &str, name: &str, bytes: Vec<u8>) {
         if name == "metrics.parquet"
             && let Err(error) = metrics_file::decode(bytes, Path::new(name))
@@ -443,8 +442,8 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Checks the record of a trial at a pause, or before a number was not finite. A trial with a damaged
-    /// record runs again, also where it has ended so.
+    /// Checks the record of a trial at a pause, or before a number was not finite. A trial with a damaged record runs
+    /// again, even if it has ended this way.
     fn partial(&mut self, path: PathBuf, id: &str, acknowledged: Option<&TrialFile>) {
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let has_ended = acknowledged.is_some_and(|file| file.end.state == EndState::Ok);

@@ -1,4 +1,4 @@
-//! Reading of many trials of a store at once, group of folders by group of folders.
+//! Reads many trials of a store at once, one group of folders after the other.
 //!
 //! A group is listed and the packs are opened once for all its trials, so that no absent file is opened; few
 //! groups are held at once.
@@ -22,8 +22,8 @@ const LIST_FROM: usize = 4;
 const GROUPS_PER_THREAD: usize = 2;
 
 impl Store {
-    /// Calls `take` with the place and the stored part of each stored trial; an error stands for a faulty
-    /// file. For a trial in a pack, the pack's own outline is believed.
+    /// Calls `take` with the place and the stored part of each stored trial; an error means a faulty file. For a trial
+    /// in a pack, the pack's own outline is used.
     pub(super) fn each_stored(
         &self,
         trials: &[impl Borrow<Trial> + Sync],
@@ -33,7 +33,7 @@ impl Store {
         self.each_found(trials, |trial| self.stored(&trial.id), in_packs, take);
     }
 
-    /// As [`each_stored`](Self::each_stored), but reads every `trial.json`, in packs too.
+    /// Like [`each_stored`](Self::each_stored), but reads every `trial.json`, including those in packs.
     pub(super) fn each_acknowledged(
         &self,
         trials: &[impl Borrow<Trial> + Sync],
@@ -45,9 +45,8 @@ impl Store {
         self.each_found(trials, |trial| self.stored(&trial.id), in_packs, take);
     }
 
-    /// Calls `take` with the place of each trial that is found, and with its value or the reason why it
-    /// cannot be used. Trials come group by group, so that few are held at once and a pack is opened once a
-    /// group.
+    /// Calls `take` with the place of each trial that is found, and with its value or the reason why it cannot be used.
+    /// Trials come group by group, so that few are held at once and a pack is opened once per group.
     fn each_found<T: Send>(
         &self,
         trials: &[impl Borrow<Trial> + Sync],
@@ -104,8 +103,8 @@ impl Store {
             .collect()
     }
 
-    /// Each trial with its record, in the order of `trials`. Trials that [`Store::load`] refuses count as
-    /// missing; they are returned by their places, with the reason.
+    /// Each trial with its record, in the order of `trials`. Trials that [`Store::load`] refuses count as missing and
+    /// are returned by their places, with the reason.
     #[must_use]
     pub fn load_all(&self, trials: &[&Arc<Trial>]) -> (Vec<TrialResult>, Vec<(usize, Error)>) {
         let none = Arc::default();
@@ -115,7 +114,7 @@ impl Store {
         };
         let mut all: Vec<TrialResult> = trials.iter().map(missing).collect();
         let mut unreadable = Vec::new();
-        // Most trials record the same metrics, and those that are missing none.
+        // Most trials record the same metrics, and missing ones record none.
         let mut names = BTreeSet::<Arc<Vec<String>>>::new();
         let each: Vec<&Trial> = trials.iter().map(|trial| &***trial).collect();
         let in_packs = |packs: &mut [PackReader<'_>], trial: &Trial| loaded_in(packs, self, &trial.id);

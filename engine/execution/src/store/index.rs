@@ -1,8 +1,7 @@
-//! Reading of many trials of a store at once: their ends, and the list of them.
+//! Reads the ends of many trials of a store at once, and lists its trials.
 //!
-//! Only the requested part of each `trial.json` is parsed: the configs, which are most of it, are skipped.
-//! The ids of its parts, its seed and numerics version show that a file belongs to the trial in whose
-//! folder it lies.
+//! Only the requested part of each `trial.json` is parsed: the configs, which are most of it, are skipped. The ids of
+//! its parts, its seed and its numerics version show that a file belongs to the trial whose folder contains it.
 
 use super::{Store, TRIAL_SCHEMA, inside, names, seal::is_sealed};
 use crate::store::{StoredCell, Took};
@@ -22,7 +21,7 @@ use std::{
 /// Values that were read for many trials.
 #[derive(Debug)]
 pub struct TrialValues<T> {
-    /// One entry per trial, in their order; `None` where it has not run, and where its file cannot be used.
+    /// One entry per trial, in their order; `None` if it has not run, or if its file cannot be used.
     pub all: Vec<Option<T>>,
     /// Trials, by their places, with faulty files, and the reasons.
     pub unreadable: Vec<(usize, Error)>,
@@ -60,9 +59,9 @@ pub struct StoredTrial {
     pub numerics: u32,
     /// End of the trial.
     pub end: TrialEnd,
-    /// Time of the end, as the file has it; `None` where the program that stored it did not note it.
+    /// Time of the end according to the file; `None` if the program that stored it did not record it.
     pub ended_at: Option<String>,
-    /// Source code of the program that computed the trial, where it named it.
+    /// Source code of the program that computed the trial, if it was recorded.
     pub build: Option<Build>,
 }
 
@@ -75,8 +74,8 @@ impl StoredTrial {
 }
 
 impl Store {
-    /// Ends of trials, for callers that read no metrics: without the digests of these, which would fill the
-    /// memory for a million trials.
+    /// Ends of trials, for callers that read no metrics: without the digests of metrics, which would fill the memory
+    /// for a million trials.
     #[must_use]
     pub fn outcomes(&self, trials: &[impl Borrow<Trial> + Sync]) -> TrialValues<TrialEnd> {
         let without_digest = |it: StoredTrial| TrialEnd {
@@ -86,8 +85,8 @@ impl Store {
         self.stored_of(trials, without_digest)
     }
 
-    /// Ends of trials, as [`Store::end`] gives them, from every acknowledgement: before trials run, a damaged
-    /// one has to be found.
+    /// Ends of trials, as [`Store::end`] returns them, from every acknowledgement, since a damaged one must be found
+    /// before trials run.
     #[must_use]
     pub fn ends(&self, trials: &[impl Borrow<Trial> + Sync]) -> TrialValues<TrialEnd> {
         let mut found = TrialValues::none(trials.len());
@@ -95,8 +94,7 @@ impl Store {
         found.in_order()
     }
 
-    /// The value of `keep` for each stored trial; for trials in packs, the outlines of the packs are
-    /// believed.
+    /// The value of `keep` for each stored trial; for trials in packs, the outlines of the packs are used.
     #[must_use]
     pub fn stored_of<T>(
         &self,
@@ -108,15 +106,15 @@ impl Store {
         found.in_order()
     }
 
-    /// A trial without its configs; `None` where it has not run.
+    /// A trial without its configs; `None` if it has not run.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where its file is faulty.
+    /// [`Error::Damaged`] if its file is faulty.
     pub fn stored(&self, id: &str) -> Result<Option<StoredTrial>, Error> {
         Ok(self.acknowledged(id)?.map(|(_, trial)| trial))
     }
 
-    /// The text of a trial's `trial.json`, which is whole and of this trial, with the value of
+    /// The text of a trial's `trial.json`, which is intact and belongs to this trial, with the value of
     /// [`Store::stored`].
     pub(super) fn acknowledged(&self, id: &str) -> Result<Option<(Vec<u8>, StoredTrial)>, Error> {
         let path = self.folder(id).join("trial.json");
@@ -193,7 +191,7 @@ impl Store {
             .collect()
     }
 
-    /// The id of every trial that has a folder or lies in a pack, in order.
+    /// The ids of all trials that have a folder or lie in a pack, in order.
     pub(super) fn ids(&self) -> Vec<String> {
         let mut ids = self.ids_with_folders();
         for pack in self.packs().unwrap_or_default() {
@@ -204,7 +202,7 @@ impl Store {
         ids
     }
 
-    /// The id of every trial that has a folder, in order.
+    /// The ids of all trials that have a folder, in order.
     pub(super) fn ids_with_folders(&self) -> Vec<String> {
         let trials = self.root.join("trials");
         // A folder that cannot be listed holds no trial; `fsck` reports it.
@@ -218,8 +216,8 @@ impl Store {
     }
 }
 
-/// The combinations of trials of a plan. Neighbours with the same parts form one; equal combinations
-/// elsewhere are joined where combinations are compared.
+/// The combinations of trials of a plan. Neighbours with the same parts form one; equal combinations elsewhere are
+/// joined when combinations are compared.
 fn of_plan(trials: &[(&Trial, &TrialEnd)]) -> Vec<StoredCell> {
     trials
         .chunk_by(|(one, its_end), (other, end)| {
@@ -237,7 +235,7 @@ fn of_plan(trials: &[(&Trial, &TrialEnd)]) -> Vec<StoredCell> {
         .collect()
 }
 
-/// Time of a trial that ended well: the time of a failed trial says nothing about that of a whole one.
+/// Time of a trial that ended successfully; that of a failed trial says nothing about a complete one.
 fn took(end: &TrialEnd) -> Took {
     match end.state {
         EndState::Ok => Took::once(end.wall_s),
@@ -267,7 +265,7 @@ struct Replicate {
     numerics: u32,
 }
 
-/// Signs that a later program wrote a `trial.json`. A text whose check does not hold is not believed.
+/// Signs that a later program wrote a `trial.json`. A text whose checksum does not match is not used.
 pub(super) fn newer(text: &[u8]) -> Option<String> {
     #[derive(Deserialize)]
     struct Version {
@@ -277,7 +275,7 @@ pub(super) fn newer(text: &[u8]) -> Option<String> {
     (schema > TRIAL_SCHEMA && is_sealed(text)).then(|| format!("version {schema} of its form"))
 }
 
-/// The check comes first: the form that a file claims is not believed before its check holds.
+/// The checksum is verified first: the form that a file declares is not used before that.
 pub(super) fn parse(text: &[u8]) -> Result<StoredTrial, String> {
     let outline: Outline<'_> = serde_json::from_slice(text).map_err(|source| source.to_string())?;
     if !is_sealed(text) {

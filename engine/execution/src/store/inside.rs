@@ -1,5 +1,4 @@
-//! Reading of files inside a store only: no symbolic link is followed, and no name leads out of a trial's
-//! folder.
+//! Reads files inside a store only: no symbolic link is followed, and no name leads out of a trial's folder.
 
 use super::lease::is_lease;
 use crate::world::fs;
@@ -9,10 +8,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Content of a file; `None` where there is none.
+/// Content of a file; `None` if there is none.
 ///
 /// # Errors
-/// [`Error::Damaged`] where something other than a file has its name.
+/// [`Error::Damaged`] if something other than a file has its name.
 pub(crate) fn read(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     let absent = |kind: ErrorKind| kind == ErrorKind::NotFound;
     match fs::symlink_metadata(path).map(|data| data.is_file()) {
@@ -31,7 +30,7 @@ pub(crate) fn read(path: &Path) -> Result<Option<Vec<u8>>, Error> {
 /// Content of a file of a trial, which may lie in folders inside the trial's.
 ///
 /// # Errors
-/// As [`read`].
+/// The errors of [`read`].
 pub(super) fn read_in(trial: &Path, name: &str) -> Result<Option<Vec<u8>>, Error> {
     let path = trial.join(name);
     let link = path
@@ -53,8 +52,8 @@ fn no_file(path: &Path) -> Error {
     }
 }
 
-/// Metadata of the entry at a path, of a link itself; `None` where there is none. Unlike the answers below,
-/// it tells an entry that cannot be seen from an absent one.
+/// Metadata of the entry at a path, or of the link itself; `None` if there is none. Unlike the functions below, it
+/// distinguishes an entry that cannot be seen from an absent one.
 ///
 /// # Errors
 /// The error of the system.
@@ -102,15 +101,14 @@ pub(super) fn is_artifact(name: &str) -> bool {
         && ArtifactKind::ALL.iter().any(|kind| kind.has_file(name))
 }
 
-/// Names in a trial's folder under which no seat and no artifact keeps its files.
+/// Names in a trial's folder that no seat and no artifact may use.
 const NO_SEATS: [&str; 4] = ["running", "trial.json", "earlier.json", "metrics.parquet"];
 
-/// Paths of all files in a trial's folder and the folders in it, in order. Every other entry is listed as
-/// one: links, empty folders, folders deeper than any artifact, `running`, and folders with the name of a
-/// file.
+/// Paths of all files in a trial's folder and the folders in it, in order. Every other entry is listed as a file:
+/// links, empty folders, folders deeper than any artifact, `running`, and folders with the name of a file.
 ///
 /// # Errors
-/// [`Error::File`] where a folder cannot be read.
+/// [`Error::File`] if a folder cannot be read.
 pub(super) fn files_of(trial: &Path) -> Result<Vec<String>, Error> {
     let mut found = Vec::new();
     gather(trial, "", DEEPEST, &mut found)?;
@@ -126,7 +124,7 @@ fn gather(folder: &Path, at: &str, deeper: usize, found: &mut Vec<String>) -> Re
         if may_have && look(&path)?.is_some_and(|data| data.is_dir()) {
             gather(&path, &format!("{inside}/"), deeper - 1, found)?;
         }
-        // A folder without files is listed as well.
+        // A folder without files is also listed.
         if found.len() == before {
             found.push(inside);
         }
@@ -137,7 +135,7 @@ fn gather(folder: &Path, at: &str, deeper: usize, found: &mut Vec<String>) -> Re
 /// Files and folders inside a folder, at any depth.
 ///
 /// # Errors
-/// Where a folder cannot be read, or something in it is neither a file nor a folder.
+/// A folder cannot be read, or something in it is neither a file nor a folder.
 pub(super) fn contents(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder)? {

@@ -1,4 +1,4 @@
-//! Leases: each names the process that computes a trial now.
+//! Leases, each of which names the process that computes a trial now.
 //!
 //! ```text
 //! <root>/owners/<token>.json        one file per process: host, boot, process id, start, Slurm job, and how long a
@@ -7,13 +7,13 @@
 //!                  takeover-<hash>  the same, while the lease of a dead owner is removed
 //! ```
 //!
-//! Taking a lease is one link, which fails where the lease exists; no half-written file can be seen. The
-//! owner renews all its leases at once by touching its own file, because links share the time of change. A
-//! lease dies with its owner: at once where the process can be seen to be gone, from elsewhere when it was
-//! not renewed for as long as its owner said that it holds. No lease has ever to be cleared by hand. Two
-//! processes that compute one trial all the same (an owner that was only suspended) store the same bits, so a
-//! lease saves work and is not needed for correctness. A wrong verdict on the dead does no harm either: an
-//! owner whose file is gone writes it again.
+//! A lease is taken by creating one link, which fails if the lease exists; a partly written file can never be seen. The
+//! owner renews all its leases at once by touching its own file, because links share the time of modification. A lease
+//! dies with its owner: at once if the process can be seen to be gone, and otherwise when it was not renewed for as
+//! long as its owner declared that it holds. A lease never has to be removed by hand. If two processes compute one
+//! trial nevertheless (an owner that was only suspended), they store the same bits, so a lease saves work but is not
+//! needed for correctness. Taking a living owner for dead does no harm either: an owner whose file is gone writes it
+//! again.
 
 use super::{Owner, Store, boundary, remove, write_durably};
 use crate::world::{
@@ -30,14 +30,14 @@ use std::{
     time::{Duration, Instant, SystemTime},
 };
 
-/// Largest difference between the clock of a machine and that of the file system. Only commands that write no
-/// file need to know it.
+/// Largest difference between the clock of a machine and that of the file system. Only commands that write no file need
+/// it.
 const CLOCKS_DIFFER: Duration = Duration::from_secs(300);
 
-/// Longest time for which a lease holds without renewal: a day. Announcements of more are not believed.
+/// Longest time for which a lease holds without renewal: a day. Longer declared times are not accepted.
 pub const LONGEST_EXPIRY: Duration = Duration::from_secs(86_400);
 
-/// Prefix of the name of a mark, under which the lease of a dead process is removed.
+/// Prefix of the name of a mark, with which the lease of a dead process is removed.
 const MARK: &str = "takeover-";
 
 /// Whether the name, in a trial's folder, is that of the lease or of a mark.
@@ -54,13 +54,12 @@ pub enum Claim {
     Held(Owner),
 }
 
-/// Content of an owner's file, and of every lease with it.
+/// Content of an owner's file, and therefore of each of its leases.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Announcement {
     #[serde(flatten)]
     pub(super) owner: Owner,
-    /// Time in seconds for which a lease holds after a renewal, where no process can see whether the owner
-    /// runs.
+    /// Time in seconds for which a lease holds after a renewal, if no process can see whether the owner runs.
     #[serde(default = "usual_expiry_s")]
     lease_expiry_s: f64,
 }
@@ -76,14 +75,14 @@ impl Announcement {
 
     /// Time for which a lease holds after a renewal.
     pub(super) fn expiry(&self) -> Duration {
-        // A foreign value may be no time at all, or one that no process could wait for.
+        // A foreign value may be no valid time, or one too long to wait for.
         let said = Duration::try_from_secs_f64(self.lease_expiry_s).ok();
         said.filter(|expiry| *expiry <= LONGEST_EXPIRY)
             .unwrap_or(Duration::from_secs_f64(usual_expiry_s()))
     }
 }
 
-/// Expiry of programs that did not announce it, in seconds.
+/// Expiry in seconds for programs that did not announce one.
 fn usual_expiry_s() -> f64 {
     30.0
 }
@@ -96,16 +95,16 @@ pub struct Leases {
     file: PathBuf,
     /// Ids of the trials whose leases this process has.
     held: Mutex<BTreeSet<String>>,
-    /// Leases with a renewal in the future: that time, and the moment when each was first seen so.
+    /// Leases with a renewal in the future: that time, and the moment when each was first seen this way.
     ahead: Mutex<BTreeMap<PathBuf, (SystemTime, Instant)>>,
 }
 
 impl Leases {
-    /// Announces this process to a store. Where no other process can see whether it runs, its leases count as
-    /// dead after it has not renewed them for `expiry`.
+    /// Announces this process to a store. If no other process can see whether it runs, its leases count as dead after
+    /// it has not renewed them for `expiry`.
     ///
     /// # Errors
-    /// [`Error::File`] where the store's folder cannot be written.
+    /// [`Error::File`] if the store's folder cannot be written.
     pub fn open(store: &Store, expiry: Duration) -> Result<Self, Error> {
         let announcement = Announcement::new(Owner::this_process(), expiry);
         let folder = store.root().join("owners");
@@ -125,15 +124,14 @@ impl Leases {
     /// Claims a trial.
     ///
     /// # Errors
-    /// [`Error::File`] where the store cannot be written, or its file system knows no hard links.
+    /// [`Error::File`] if the store cannot be written, or if its file system has no hard links.
     pub fn claim(&self, id: &str) -> Result<Claim, Error> {
         let folder = self.store.folder(id);
         let lease = folder.join("lease");
-        // A lease is as old as its owner's file: without this renewal it would begin silent after a long
-        // halt.
+        // A lease is as old as its owner's file: without this renewal it would look silent after a long halt.
         self.beat()?;
         loop {
-            // Packing removes the folders of trials, so that this one may be absent.
+            // Packing removes the folders of trials, so this one may be absent.
             fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
             match self.take(id, &lease) {
                 Ok(()) => {
@@ -156,17 +154,17 @@ impl Leases {
     }
 
     fn take(&self, id: &str, lease: &Path) -> std::io::Result<()> {
-        // A thread that writes the owner's file again meanwhile must know of this lease.
+        // A thread that meanwhile writes the owner's file again must know of this lease.
         let mut held = lock(&self.held);
         fs::hard_link(&self.file, lease)?;
         held.insert(id.to_owned());
         Ok(())
     }
 
-    /// Gives a trial back.
+    /// Releases a trial.
     ///
     /// # Errors
-    /// [`Error::File`] where the lease cannot be removed.
+    /// [`Error::File`] if the lease cannot be removed.
     pub fn release(&self, id: &str) -> Result<(), Error> {
         let lease = self.store.folder(id).join("lease");
         boundary::pass("before a lease is given back", &lease);
@@ -187,7 +185,7 @@ impl Leases {
     /// Renews all leases of this process.
     ///
     /// # Errors
-    /// [`Error::File`] where the owner's file cannot be written.
+    /// [`Error::File`] if the owner's file cannot be written.
     pub fn beat(&self) -> Result<(), Error> {
         match self.touch() {
             Err(source) if source.kind() == ErrorKind::NotFound => self.announce_again(),
@@ -196,12 +194,13 @@ impl Leases {
     }
 
     fn touch(&self) -> std::io::Result<()> {
-        // The same first byte again: the file system's own clock stamps the change, and nothing can be torn.
+        // Writes the same first byte again: the file system's own clock stamps the modification, and no write can be
+        // torn.
         OpenOptions::new().write(true).open(&self.file)?.write_all(b"{")
     }
 
-    /// Writes the owner's file again after another process removed it. A lease of this process is still a
-    /// link to it and becomes the file again, so that one renewal still renews them all.
+    /// Writes the owner's file again after another process removed it. A lease of this process is still a link to it
+    /// and becomes the file again, so that one renewal still renews all of them.
     fn announce_again(&self) -> Result<(), Error> {
         let held = lock(&self.held);
         for id in held.iter().filter(|_| !fs::exists(&self.file)) {
@@ -231,7 +230,7 @@ impl Leases {
         write_durably(&self.file, &text)
     }
 
-    /// The living owner of a lease; `None` where it is dead or the lease is gone.
+    /// The living owner of a lease; `None` if it is dead or the lease is gone.
     fn holder(&self, lease: &Path) -> Result<Option<Owner>, Error> {
         let Some(found) = read(lease)? else {
             return Ok(None);
@@ -257,8 +256,8 @@ impl Leases {
         Ok(silence >= found.expiry())
     }
 
-    /// Time for which this process has seen a lease unchanged. It counts where a lease was renewed in the
-    /// future (a clock was set back): its age is not known then, but a living owner renews it all the same.
+    /// Time for which this process has seen a lease unchanged. It is used if a lease was renewed in the future (a clock
+    /// was set back): its age is not known then, but a living owner still renews it.
     fn silence_seen(&self, lease: &Path, renewed: SystemTime) -> Duration {
         let mut ahead = lock(&self.ahead);
         let seen = ahead
@@ -270,9 +269,9 @@ impl Leases {
         clock::since(seen.1)
     }
 
-    /// Removes a lease, or a mark, whose owner is dead. Only the holder of the mark for this very owner may
-    /// do so: a slower process would otherwise remove the lease that another one has just put in its place. A
-    /// mark whose own owner died is removed in the same way.
+    /// Removes a lease, or a mark, whose owner is dead. Only the holder of the mark for this very owner may do so;
+    /// otherwise a slower process would remove the lease that another one has just put in its place. A mark whose own
+    /// owner died is removed in the same way.
     fn remove_dead(&self, file: &Path) -> Result<(), Error> {
         let Some(owner) = self.dead_owner(file)? else {
             return Ok(());
@@ -280,7 +279,7 @@ impl Leases {
         let mark = mark_for(file, &owner);
         match fs::hard_link(&self.file, &mark) {
             Ok(()) => {
-                // Marks have names of their own for every owner; this failpoint has one for all.
+                // Marks have a different name for every owner; this failpoint has one name for all.
                 let mark_of_any = file.with_file_name("takeover");
                 let place = if file.ends_with("lease") {
                     file
@@ -305,8 +304,8 @@ impl Leases {
         }
     }
 
-    /// File name of the dead owner of a lease or a mark; empty where the file names no owner. `None` where
-    /// its owner lives, or the file is absent.
+    /// File name of the dead owner of a lease or a mark; empty if the file names no owner. `None` if its owner is
+    /// alive, or the file is absent.
     fn dead_owner(&self, file: &Path) -> Result<Option<String>, Error> {
         match look(file)? {
             LeaseEntry::Gone => Ok(None),
@@ -328,14 +327,14 @@ fn mark_for(file: &Path, owner: &str) -> PathBuf {
 
 impl Drop for Leases {
     fn drop(&mut self) {
-        // The next process forgets a file that stays behind.
+        // The next process removes a file that is left behind.
         let _ = fs::remove_file(&self.file);
     }
 }
 
 impl Store {
-    /// The process that computes a trial now, as far as can be told from here: an owner that is known to be
-    /// dead is left out, as is one that cannot be seen and has been silent for long.
+    /// The process that computes a trial now, as far as can be determined here. An owner that is known to be dead is
+    /// left out, as is one that cannot be seen and has been silent for long.
     #[must_use]
     pub fn running(&self, id: &str) -> Option<Owner> {
         let found = read(&self.folder(id).join("lease")).ok()??;
@@ -359,7 +358,7 @@ impl Store {
     }
 }
 
-/// Removes files of processes that are gone; their leases keep the content. A process that lives all the same
+/// Removes files of processes that are gone; their leases keep the content. If a process is alive nevertheless, it
 /// writes its file again.
 fn forget_the_dead(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
@@ -383,8 +382,8 @@ impl LeaseFile {
         self.said.expiry()
     }
 
-    /// Whether the process may live: false where it is known to be dead, or cannot be seen and was silent for
-    /// longer than clocks can differ.
+    /// Whether the process may be alive: false if it is known to be dead, or cannot be seen and was silent for longer
+    /// than clocks can differ.
     fn may_be_alive(&self) -> bool {
         let gap = clock::date()
             .duration_since(self.renewed)
@@ -396,7 +395,7 @@ impl LeaseFile {
     }
 }
 
-/// Reads an owner's file or a lease; `None` where there is no such file or no owner in it.
+/// Reads an owner's file or a lease; `None` if there is no such file or no owner in it.
 fn read(path: &Path) -> Result<Option<LeaseFile>, Error> {
     Ok(match look(path)? {
         LeaseEntry::Owned(found) => Some(found),
@@ -407,13 +406,13 @@ fn read(path: &Path) -> Result<Option<LeaseFile>, Error> {
 /// Entry at the place of a lease.
 enum LeaseEntry {
     Gone,
-    /// A file without an owner: no process can hold a trial by it.
+    /// A file without an owner, with which no process can hold a trial.
     Damaged,
     Owned(LeaseFile),
 }
 
 fn look(path: &Path) -> Result<LeaseEntry, Error> {
-    // A pipe that is opened waits for a writer.
+    // Opening a pipe waits for a writer.
     let read = || -> std::io::Result<(Vec<u8>, SystemTime)> { Ok((fs::read(path)?, modified(path)?)) };
     if fs::symlink_metadata(path).is_ok_and(|data| !data.is_file()) {
         return Ok(LeaseEntry::Damaged);
@@ -432,7 +431,7 @@ fn modified(path: &Path) -> std::io::Result<SystemTime> {
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // The locked value is whole between any two statements.
+    // The locked value is consistent between any two statements.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

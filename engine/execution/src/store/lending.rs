@@ -1,4 +1,4 @@
-//! Links of artifacts from one store into another, which computes the trials that take them.
+//! Links artifacts from one store into another, which computes the trials that take them.
 
 use super::{Store, TrialFile, write_durably};
 use crate::world::fs;
@@ -6,13 +6,12 @@ use contract::{Error, artifact::Taken};
 use std::path::Path;
 
 impl Store {
-    /// Puts an artifact, with every file held against its acknowledged hash, into another store under
-    /// the same trial. Files are linked where both stores lie on one file system, otherwise copied; the
-    /// trials that take them there hold them against their hashes again.
+    /// Puts an artifact into another store under the same trial, after each of its files was compared with its
+    /// acknowledged hash. Files are linked if both stores lie on one file system, and otherwise copied. The trials that
+    /// take them there compare them with their hashes again.
     ///
     /// # Errors
-    /// [`Error::Source`] where the artifact cannot be used, [`Error::File`] where the other store cannot be
-    /// written.
+    /// [`Error::Source`] if the artifact cannot be used, [`Error::File`] if the other store cannot be written.
     pub fn lend(&self, taken: &Taken, to: &Store) -> Result<(), Error> {
         let (id, from) = (&taken.trial, self.artifact(taken)?);
         let gone = || Error::Source {

@@ -1,10 +1,9 @@
-//! Merge of the trials of one store into another.
+//! Merges the trials of one store into another.
 //!
-//! A trial is copied file by file: each is held against its acknowledged hash, written beside its place,
-//! flushed and renamed, and `trial.json` comes last, with its original bytes. So the destination never shows
-//! half a trial, and an interrupted trial is copied again. A trial is written under its lease, as one that is
-//! computed. The record of a trial at a pause is copied in the same way, where the other store knows less of
-//! the trial.
+//! A trial is copied file by file: each is compared with its acknowledged hash, written beside its place, flushed and
+//! renamed. `trial.json` comes last, with its original bytes. Therefore the destination never shows an incomplete
+//! trial, and an interrupted trial is copied again. A trial is written under its lease, like one that is computed. The
+//! record of a trial at a pause is copied in the same way, if the other store knows less of the trial.
 
 mod pauses;
 
@@ -43,19 +42,19 @@ pub enum Side {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "fate", rename_all = "snake_case")]
 pub enum Fate {
-    /// The trial is new, and the destination has it now.
+    /// The trial is new, and the destination now has it.
     Taken,
     /// The destination had the same bytes.
     Same,
-    /// The destination has other bytes, which stay.
+    /// The destination has other bytes, which are kept.
     Conflict {
         /// Fingerprint of the source's copy.
         source: Fingerprint,
         /// Fingerprint of the destination's copy.
         destination: Fingerprint,
     },
-    /// The destination has another run of an agent that trains itself and does not repeat to the bit; the run
-    /// that was stored first stays.
+    /// The destination has another run of an agent that trains itself and does not repeat bit by bit; the run that was
+    /// stored first is kept.
     Another {
         /// Fingerprint of the source's copy.
         source: Fingerprint,
@@ -85,7 +84,7 @@ pub enum Fate {
 pub struct Merged {
     /// Id of the trial.
     pub trial: String,
-    /// Names of the trial's plugins; empty where they cannot be read.
+    /// Names of the trial's plugins; empty if they cannot be read.
     pub title: String,
     /// Result of the merge for it.
     #[serde(flatten)]
@@ -102,14 +101,14 @@ pub struct Merge<'a> {
     would_have: BTreeMap<String, (TrialFile, Store)>,
 }
 
-/// Result of checking a copy: its acknowledgement, `None` where it has none, or its faults.
+/// Result of checking a copy: its acknowledgement, `None` if it has none, or its faults.
 type CopyCheck = Result<Option<TrialFile>, Vec<Finding>>;
 
 impl<'a> Merge<'a> {
     /// A merge into the store `into` under `leases`; without leases no file is written.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where folders of the store are links.
+    /// [`Error::Damaged`] if folders of the store are links.
     pub fn new(into: &'a Store, leases: Option<&'a Leases>) -> Result<Self, Error> {
         refuse_links(into)?;
         Ok(Self {
@@ -122,7 +121,7 @@ impl<'a> Merge<'a> {
     /// Copies the new trials of `source` in the order of ids, and reports the fate of each trial.
     ///
     /// # Errors
-    /// [`Error::File`] where a store cannot be read or written.
+    /// [`Error::File`] if a store cannot be read or written.
     pub fn take(&mut self, source: &Store, told: &mut dyn FnMut(Merged)) -> Result<(), Error> {
         refuse_links(source)?;
         for id in ids(source)? {
@@ -166,7 +165,7 @@ impl<'a> Merge<'a> {
         }
     }
 
-    /// Fate of a trial that the destination has already; `None` where it is missing there.
+    /// Fate of a trial that the destination already has; `None` if it is missing there.
     fn held_against(&self, id: &str, file: &TrialFile, source: &Store) -> Result<Option<Fate>, Error> {
         let (here, store) = match self.would_have.get(id) {
             Some((file, store)) => (file.clone(), store),
@@ -228,10 +227,10 @@ impl<'a> Merge<'a> {
         fate
     }
 
-    /// Copies one trial whose lease the caller holds already.
+    /// Copies one trial whose lease the caller already holds.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the source changes meanwhile, and where a store cannot be read or written.
+    /// [`Error::Damaged`] if the source changes meanwhile, and errors of reading or writing a store.
     pub(super) fn bring_under_own_lease(
         &self,
         id: &str,
@@ -283,8 +282,8 @@ impl<'a> Merge<'a> {
         Ok(Fate::Taken)
     }
 
-    /// Clears the place of a trial that the destination lacks: unfinished files are removed, and results that
-    /// no acknowledgement names are set aside, so that none of them is taken for the trial's.
+    /// Clears the place of a trial that the destination lacks: removes unfinished files, and sets aside results that no
+    /// acknowledgement names, so that none of them is mistaken for the trial's.
     fn clear(&self, id: &str, named: &BTreeMap<String, String>) -> Result<(), Error> {
         let folder = self.into.folder(id);
         let mut others = Vec::new();
@@ -307,7 +306,7 @@ impl<'a> Merge<'a> {
     }
 }
 
-/// Files that a trial's folder may hold while the trial is missing.
+/// Files that a trial's folder may contain while the trial is missing.
 const KEPT: [&str; 4] = ["running", "earlier.json", "trial.json", OUTPUT];
 
 fn orphan(store: &Store, path: &Path) -> Finding {
@@ -370,8 +369,8 @@ fn look(store: &Store, id: &str) -> Result<CopyCheck, Error> {
 }
 
 impl Store {
-    /// The acknowledgement of a trial, with every file held against its acknowledged hash; `None` where the
-    /// trial has not ended.
+    /// The acknowledgement of a trial, after every file was compared with its acknowledged hash; `None` if the trial
+    /// has not ended.
     ///
     /// # Errors
     /// [`Error::Damaged`] for the first file that differs from the acknowledged one.
@@ -390,8 +389,8 @@ fn first_of(store: &Store, findings: Vec<Finding>) -> Error {
     }
 }
 
-/// Ids of the trials that have a place in a store, in order. Other entries there are none of a store's files,
-/// as `fsck` reports.
+/// Ids of the trials that have a place in a store, in order. Other entries there do not belong to the store, as `fsck`
+/// reports.
 fn ids(store: &Store) -> Result<Vec<String>, Error> {
     let root = store.root().join("trials");
     let mut ids = Vec::new();
@@ -414,7 +413,7 @@ fn ids(store: &Store) -> Result<Vec<String>, Error> {
     Ok(ids)
 }
 
-/// Names of a trial's plugins, for people.
+/// Names of a trial's plugins, for users.
 fn title(key: &TrialKey) -> String {
     let (environment, agents) = (&key.environment.plugin, key.agents_by_plugin());
     format!("{environment} {agents} seed {}", key.seed)

@@ -27,13 +27,13 @@ use std::{
 
 const HEADER: usize = 20;
 const VERSION: &str = "regimen metric log 1\n";
-/// Most rows of one frame, so that a reader never waits for a large one.
+/// Largest number of rows of one frame, so that a reader never waits for a large one.
 const ROWS_PER_FRAME: usize = 1 << 16;
 
 /// Content of a log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogContents {
-    /// Id of the log's trial; empty where not even the first frame is whole.
+    /// Id of the log's trial; empty if even the first frame is incomplete.
     pub trial: String,
     /// All rows before the end or the damage.
     pub table: MetricsTable,
@@ -44,14 +44,14 @@ pub struct LogContents {
 /// State of a log's end; offsets are bytes from the start of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LogEnd {
-    /// The log ends with a whole frame.
+    /// The log ends with a complete frame.
     Whole,
     /// The last frame was not written to its end, or is still being written.
     Torn {
         /// Offset at which that frame begins.
         offset: usize,
     },
-    /// Bytes were changed: whole frames follow a damaged one.
+    /// Bytes were changed: complete frames follow a damaged one.
     Damaged {
         /// Offset at which the first changed frame begins.
         offset: usize,
@@ -65,10 +65,10 @@ pub struct LogPosition {
     digest: String,
 }
 
-/// Reads a log, which may be one that is being written.
+/// Reads a log, which may still be in the process of being written.
 ///
 /// # Errors
-/// [`Error::File`] where the file cannot be read. Damage is no error: see [`LogContents::end`].
+/// [`Error::File`] if the file cannot be read. Damage is not an error, see [`LogContents::end`].
 pub fn read(path: &Path) -> Result<LogContents, Error> {
     bytes_of(path)
         .map(|bytes| decode(&bytes))
@@ -109,7 +109,7 @@ impl MetricLog {
     /// Begins a log; an existing one is lost.
     ///
     /// # Errors
-    /// [`Error::File`] where the file cannot be written.
+    /// [`Error::File`] if the file cannot be written.
     pub fn create(path: &Path, trial: &str) -> Result<Self, Error> {
         File::create(path).map_err(Error::file("create", path))?;
         let mut log = Self::at_end(path, &[], &MetricsTable::default(), 0)?;
@@ -117,11 +117,11 @@ impl MetricLog {
         Ok(log)
     }
 
-    /// Continues at a position and returns the rows before it; the rest of the file is cut off. `None` where
-    /// the log does not have its content at that position any more.
+    /// Continues at a position and returns the rows before it; the rest of the file is cut off. `None` if the log no
+    /// longer has its content at that position.
     ///
     /// # Errors
-    /// [`Error::File`] where the file cannot be read or written.
+    /// [`Error::File`] if the file cannot be read or written.
     pub fn resume(
         path: &Path,
         trial: &str,
@@ -178,7 +178,7 @@ impl MetricLog {
     /// Appends the rows that were recorded since the last time.
     ///
     /// # Errors
-    /// [`Error::File`] where the file cannot be written.
+    /// [`Error::File`] if the file cannot be written.
     pub fn append(&mut self, record: &Recorder) -> Result<(), Error> {
         for rows in record.rows()[self.rows..].chunks(ROWS_PER_FRAME) {
             let payload = encode(&record.names()[self.names..], rows);
@@ -266,7 +266,7 @@ fn decode(bytes: &[u8]) -> LogContents {
     decode_counted(bytes).0
 }
 
-/// Content of a log, and the number of its whole frames.
+/// Content of a log, and the number of its complete frames.
 fn decode_counted(bytes: &[u8]) -> (LogContents, u64) {
     let mut contents = LogContents {
         trial: String::new(),
@@ -289,20 +289,20 @@ fn decode_counted(bytes: &[u8]) -> (LogContents, u64) {
     (contents, number)
 }
 
-/// Number and payload of the frame at `offset`, where a whole one begins there.
+/// Number and payload of the frame at `offset`, if a complete one begins there.
 fn frame_at(bytes: &[u8], offset: usize) -> Option<(u64, &[u8])> {
     let rest = &bytes[offset..];
     let (header, rest) = rest.split_at_checked(HEADER)?;
     let length = u32::from_le_bytes(header[..4].try_into().ok()?);
     let payload = rest.get(..usize::try_from(length).ok()?)?;
     let number = u64::from_le_bytes(header[4..12].try_into().ok()?);
-    // An impossible frame number for a file of this size spares the hash.
+    // A frame number that is impossible for a file of this size makes hashing unnecessary.
     let possible = number <= (bytes.len() / HEADER) as u64;
     (possible && checksum(&header[..12], payload) == header[12..]).then_some((number, payload))
 }
 
-/// State of the end where frame `number` does not begin: whole frames behind that place show that it was
-/// there once.
+/// State of the end if frame `number` does not begin at this place: complete frames after it show that the frame
+/// existed.
 fn how_it_ends(bytes: &[u8], offset: usize, number: u64) -> LogEnd {
     let is_later = |place| frame_at(bytes, place).is_some_and(|(found, _)| found >= number);
     if (offset..bytes.len()).any(is_later) {
@@ -313,7 +313,7 @@ fn how_it_ends(bytes: &[u8], offset: usize, number: u64) -> LogEnd {
 }
 
 impl LogContents {
-    /// Adds the rows of a whole frame; `None`, without a change, for a malformed one.
+    /// Adds the rows of a complete frame; `None`, without a change, for a malformed one.
     fn take_in(&mut self, number: u64, payload: &[u8]) -> Option<()> {
         if number == 0 {
             let trial = payload.strip_prefix(VERSION.as_bytes())?;
@@ -536,7 +536,7 @@ mod tests {
                 first)]));
             prop_assert_ne!(contents.end, LogEnd::Whole);
             let last_change = original.iter().zip(&bytes).rposition(|(one, two)| one != two).unwrap();
-            // A whole frame behind the changed ones shows that the change is no torn end.
+            // A complete frame after the changed ones shows that the change is no torn end.
             let changed_to_the_end = rows_before(&counts,
                 last_change) + *counts.last().unwrap() as usize == recorder.rows().len();
             let is_damage = matches!(contents.end, LogEnd::Damaged { .. });

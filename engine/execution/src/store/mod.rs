@@ -1,4 +1,4 @@
-//! The store: the files of every trial, by the trial's id. It is also the queue: missing trials are the ones
+//! The store: the files of every trial, by the trial's id. The store is also the queue: missing trials are the ones
 //! that run.
 //!
 //! ```text
@@ -13,10 +13,10 @@
 //!     partial-4.parcel     the record at a pause, or before a number was not finite, see [`Partial`]
 //! ```
 //!
-//! A trial that ended `ok` and left nothing but metrics may lie in `<root>/packs/<digest>.pack` with others.
+//! A trial that ended `ok` and left only metrics may lie in `<root>/packs/<digest>.pack` together with others.
 //!
-//! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial
-//! without it has not run, whatever else lies in its folder.
+//! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial without it
+//! has not run, whatever else is in its folder.
 
 mod announced;
 mod artifacts;
@@ -94,12 +94,12 @@ use std::{
 #[derive(Debug, Clone)]
 pub struct Store {
     root: PathBuf,
-    /// Source code that is stored as that of the program which computed a trial.
+    /// Source code to store as that of the program that computed a trial.
     build: Option<Build>,
-    /// Device that is stored as that of the run which computed a trial.
+    /// Device to store as that of the run that computed a trial.
     device: Option<String>,
     packs: Arc<pack::Packs>,
-    /// The bucket by which the trials are shared with other machines.
+    /// The bucket through which the trials are shared with other machines.
     bucket: Option<Bucket>,
 }
 
@@ -111,27 +111,26 @@ pub struct TrialFile {
     /// Ids of environment, agent and protocol, with which the end can be read without the configs.
     #[serde(default)]
     pub parts: Option<[String; 3]>,
-    /// The key of the trial: all that determined its numbers.
+    /// The key of the trial: everything that determined its numbers.
     pub key: TrialKey,
     /// End of the trial.
     pub end: TrialEnd,
-    /// Time of the end, in UTC as RFC 3339 writes it; absent where the program did not note it. No id and no
-    /// digest holds it.
+    /// Time of the end, in UTC in the format of RFC 3339; absent if the program did not record it. It is not part of
+    /// any id or digest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended_at: Option<String>,
-    /// Source code of the program that computed the trial, where it knew. No id holds it.
+    /// Source code of the program that computed the trial, if known. It is not part of any id.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build: Option<Build>,
     /// Hashes of the trial's artifacts, by path inside its folder: a policy, networks, a dataset, a choice,
     /// drawings.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
-    /// Hash of the trial's output, where that is kept. It is no result: honest runs of one trial differ in
-    /// it.
+    /// Hash of the trial's output, if that is kept. It is no result: honest runs of one trial differ in it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub output: Option<String>,
-    /// Whether the agent trained itself, as a program does: honest runs of it may differ, and the run that
-    /// was stored first stays.
+    /// Whether the agent trained itself, as a program does. Honest runs of it may differ, and the run that was stored
+    /// first is kept.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub trained_itself: bool,
 }
@@ -139,11 +138,11 @@ pub struct TrialFile {
 /// The file of a trial's metrics.
 const METRICS: &str = "metrics.parquet";
 
-/// The file of a trial's output, packed by gzip.
+/// The file of a trial's output, compressed by gzip.
 pub const OUTPUT: &str = "output.gz";
 
 impl TrialFile {
-    /// Acknowledgement that `trial` ended as `end` and left `files`, named with their hashes.
+    /// Acknowledgement that `trial` ended as `end` and left `files`, which are named with their hashes.
     #[must_use]
     pub fn new(trial: &Trial, end: TrialEnd, files: BTreeMap<String, String>) -> Self {
         let parts = Some(trial.key.part_ids());
@@ -160,7 +159,7 @@ impl TrialFile {
         }
     }
 
-    /// Whether another acknowledgement names the same bytes: then the values are the same.
+    /// Whether another acknowledgement names the same bytes, in which case the values are the same.
     fn names_same_bytes(&self, other: &Self) -> bool {
         let named = |it: &Self| (it.end.state, it.end.digest.clone(), it.files.clone());
         named(self) == named(other)
@@ -175,7 +174,7 @@ impl TrialFile {
     }
 }
 
-/// End and metrics of a trial: no metrics unless it ended `ok`.
+/// End and metrics of a trial; there are no metrics unless it ended `ok`.
 type EndWithMetrics = (TrialEnd, MetricsTable);
 
 /// The folder of the records of verdicts that were seen.
@@ -203,7 +202,7 @@ impl Store {
         Self { build, ..self }
     }
 
-    /// The same store, for a process whose trials have this device beside the processor.
+    /// The same store, for a process whose trials use this device besides the processor.
     #[must_use]
     pub fn on(self, device: Option<&str>) -> Self {
         let device = device.map(Into::into);
@@ -225,18 +224,18 @@ impl Store {
             .join(id)
     }
 
-    /// End of a trial; `None` where it has not run.
+    /// End of a trial; `None` if it has not run.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where its file is faulty.
+    /// [`Error::Damaged`] if its file is faulty.
     pub fn end(&self, id: &str) -> Result<Option<TrialEnd>, Error> {
         Ok(self.stored(id)?.map(|trial| trial.end))
     }
 
-    /// Stores the record of an `ok` trial and acknowledges it. Doing it twice has no further effect.
+    /// Stores the record of an `ok` trial and acknowledges it. Calling it twice has no further effect.
     ///
     /// # Errors
-    /// [`Error::File`] where a file cannot be written.
+    /// [`Error::File`] if a file cannot be written.
     pub fn finish(&self, trial: &Trial, record: &Recorder, wall_s: f64) -> Result<TrialEnd, Error> {
         let folder = self.folder(&trial.id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
@@ -253,11 +252,11 @@ impl Store {
         self.acknowledge_with(trial, end, artifacts::exported(&folder)?)
     }
 
-    /// Acknowledges the end of a trial, and returns the end that is stored then. A process that was suspended
-    /// while it failed may continue after another one has computed the trial: an end that holds is kept.
+    /// Acknowledges the end of a trial, and returns the end that is then stored. A process that was suspended while it
+    /// failed may continue after another one has computed the trial: a valid end is kept.
     ///
     /// # Errors
-    /// [`Error::File`] where the file cannot be written.
+    /// [`Error::File`] if the file cannot be written.
     pub fn acknowledge(&self, trial: &Trial, end: TrialEnd) -> Result<TrialEnd, Error> {
         self.acknowledge_with(trial, end, BTreeMap::new())
     }
@@ -295,9 +294,8 @@ impl Store {
         Ok(end)
     }
 
-    /// Puts the acknowledgement of a failure at `path`, unless an end stands there that holds; that end is
-    /// returned. The file is linked, not renamed: a rename would replace the file that another process put
-    /// there in this moment.
+    /// Puts the acknowledgement of a failure at `path`, unless there is a valid end, which is then returned. The file
+    /// is linked, not renamed: a rename would replace a file that another process put there at this moment.
     fn publish_failure(&self, id: &str, path: &Path, text: &[u8]) -> Result<Option<TrialEnd>, Error> {
         loop {
             let stored = self.end(id)?;
@@ -325,10 +323,10 @@ impl Store {
         remove(&aside)
     }
 
-    /// Acknowledgement of a trial; `None` where it has none.
+    /// Acknowledgement of a trial; `None` if it has none.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the file was changed, or is of another trial.
+    /// [`Error::Damaged`] if the file was changed, or is of another trial.
     pub fn file(&self, id: &str) -> Result<Option<TrialFile>, Error> {
         let path = self.folder(id).join("trial.json");
         let Some((text, _)) = self.acknowledged(id)? else {
@@ -346,10 +344,10 @@ impl Store {
         Ok(Some(file))
     }
 
-    /// A trial with its whole record.
+    /// A trial with its complete record.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where a file differs from the acknowledged one.
+    /// [`Error::Damaged`] if a file differs from the acknowledged one.
     pub fn load(&self, trial: &Arc<Trial>) -> Result<TrialResult, Error> {
         let mut result = TrialResult::missing(Arc::clone(trial));
         if let Some((end, table)) = self.loaded(&trial.id)? {
@@ -359,7 +357,7 @@ impl Store {
         Ok(result)
     }
 
-    /// End and metrics of a trial; `None` where it has not run.
+    /// End and metrics of a trial; `None` if it has not run.
     fn loaded(&self, id: &str) -> Result<Option<EndWithMetrics>, Error> {
         let Some(end) = self.end(id)? else {
             return Ok(None);
@@ -387,12 +385,12 @@ impl Store {
         }
     }
 
-    /// Adds the partial record of a trial of a search that has not ended `ok`. An earlier program kept the
-    /// measurements at a pause in the log alone, so that the log of a trial without a stored record is read,
-    /// as far as it is whole.
+    /// Adds the partial record of a trial of a search that has not ended `ok`. An earlier program kept the measurements
+    /// at a pause only in the log; therefore the log of a trial without a stored record is read up to its last complete
+    /// frame.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where a stored file was changed.
+    /// [`Error::Damaged`] if a stored file was changed.
     pub fn read_partial(&self, result: &mut TrialResult) -> Result<(), Error> {
         if result.is_ok() || !result.trial.cell.purpose.is_tried() {
             return Ok(());
@@ -413,7 +411,7 @@ impl Store {
     /// Bytes of `trial.json` and of `metrics.parquet` of a trial that ended `ok`, in its folder or in a pack.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where one is absent or differs from the acknowledged one.
+    /// [`Error::Damaged`] if one is absent or differs from the acknowledged one.
     pub fn files(&self, id: &str) -> Result<[Vec<u8>; 2], Error> {
         let absent = || Error::Damaged {
             path: self.folder(id).join("trial.json"),
@@ -423,7 +421,7 @@ impl Store {
         Ok([text, self.metrics(id, &stored.end.digest)?])
     }
 
-    /// The metrics file of a trial, held against its acknowledged hash.
+    /// The metrics file of a trial, compared with its acknowledged hash.
     fn metrics(&self, id: &str, digest: &str) -> Result<Vec<u8>, Error> {
         let path = self.folder(id).join(METRICS);
         match inside::read(&path)? {
@@ -432,7 +430,7 @@ impl Store {
                 path,
                 problem: "its hash is not the acknowledged one".into(),
             }),
-            // The file may have moved into a pack, also in this moment.
+            // The file may have moved into a pack, even at this moment.
             None => match self.metrics_in_pack(id, digest)? {
                 Some(bytes) => Ok(bytes),
                 None => Err(self.without_metrics(id, path)),
@@ -444,11 +442,11 @@ impl Store {
 /// Folders of a store; every store that is not empty has at least one of them.
 const FOLDERS: [&str; 6] = ["trials", "packs", "owners", "looks", "submissions", "aside"];
 
-/// The reason for which a folder is no store, as a phrase; `None` where it is one, or empty. Commands that
-/// check and move files ask this first.
+/// The reason why a folder is no store, as a phrase; `None` if it is a store, or empty. Commands that check and move
+/// files call this first.
 ///
 /// # Errors
-/// [`Error::File`] where the folder cannot be read.
+/// [`Error::File`] if the folder cannot be read.
 pub fn no_store(root: &Path) -> Result<Option<String>, Error> {
     if !fs::is_folder(root) {
         return Ok(Some(format!("there is no store at `{}`", root.display())));
@@ -464,10 +462,10 @@ pub fn no_store(root: &Path) -> Result<Option<String>, Error> {
     }))
 }
 
-/// Names in a folder, in order; none where there is no folder.
+/// Names in a folder, in order; empty if there is no folder.
 ///
 /// # Errors
-/// [`Error::File`] where the folder cannot be read.
+/// [`Error::File`] if the folder cannot be read.
 pub fn names(folder: &Path) -> Result<Vec<String>, Error> {
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,
@@ -488,17 +486,17 @@ pub fn names(folder: &Path) -> Result<Vec<String>, Error> {
     Ok(names)
 }
 
-/// Writes a file so that after a crash it is either the old one or the whole new one.
+/// Writes a file so that after a crash it is either the old one or the complete new one.
 ///
 /// # Errors
-/// [`Error::File`] where the folder or the file cannot be written.
+/// [`Error::File`] if the folder or the file cannot be written.
 pub fn write_durably(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let temporary = write_beside(path, bytes)?;
     fs::rename(&temporary, path).map_err(Error::file("rename to", path))?;
     flush_folder_of(path)
 }
 
-/// As [`write_durably`], for a new file; false where the file exists, which stays as it is.
+/// Like [`write_durably`], for a new file; false if the file exists, which is then not changed.
 fn write_new_durably(path: &Path, bytes: &[u8]) -> Result<bool, Error> {
     let temporary = write_beside(path, bytes)?;
     let is_new = match fs::hard_link(&temporary, path) {
@@ -514,8 +512,8 @@ fn write_new_durably(path: &Path, bytes: &[u8]) -> Result<bool, Error> {
     Ok(is_new)
 }
 
-/// Path under which this process writes a file before the rename to its place. The process id keeps two
-/// processes that write the same trial apart.
+/// Path under which this process writes a file before the rename to its place. The process id keeps apart two processes
+/// that write the same trial.
 fn temporary(path: &Path) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     path.with_file_name(format!(".{name}.{}.tmp", process::id()))
@@ -526,7 +524,7 @@ fn write_beside(path: &Path, bytes: &[u8]) -> Result<PathBuf, Error> {
     boundary::pass("before a file is created", path);
     let written = write_flushed(&temporary, path, bytes);
     if written.is_err() {
-        // A full disk gets its space back; `fsck` finds a file that cannot be removed.
+        // Frees the space of a full disk; `fsck` finds a file that cannot be removed.
         let _ = fs::remove_file(&temporary);
     }
     written.map(|()| temporary)
@@ -556,7 +554,7 @@ fn write_flushed(temporary: &Path, path: &Path, bytes: &[u8]) -> Result<(), Erro
     Ok(())
 }
 
-/// Removes a file, which may be gone already.
+/// Removes a file, which may already be gone.
 fn remove(path: &Path) -> Result<(), Error> {
     absent_is_fine(fs::remove_file(path)).map_err(Error::file("remove", path))
 }

@@ -1,4 +1,4 @@
-//! Obstacles at the place of one trial: that trial cannot run, and all others can.
+//! Obstacles at the place of one trial: that trial cannot run, but all others can.
 
 use super::{Store, inside, names};
 use crate::world::fs;
@@ -18,9 +18,8 @@ const FILES: [&str; 5] = [
 ];
 
 impl Store {
-    /// The obstacle that keeps a trial from being run, where it lies at the trial's place: a file instead of
-    /// its folder, a folder or a pipe with the name of a file, a result of a later program. Pipes, which
-    /// could block, are not opened.
+    /// The obstacle at the trial's place that keeps it from being run: a file instead of its folder, a folder or a pipe
+    /// with the name of a file, or a result of a later program. Pipes are not opened, since they could block.
     #[must_use]
     pub fn obstacle(&self, id: &str) -> Option<Error> {
         let folder = self.folder(id);
@@ -45,8 +44,8 @@ impl Store {
         Error::Damaged { path, problem }
     }
 
-    /// As [`obstacle`](Self::obstacle), once a file of the trial could not be written: lacking rights at its
-    /// place count, too.
+    /// Like [`obstacle`](Self::obstacle), once a file of the trial could not be written: missing permissions at its
+    /// place count too.
     #[must_use]
     pub fn obstacle_to_writing(&self, id: &str) -> Option<Error> {
         let folder = self.folder(id);
@@ -62,7 +61,7 @@ impl Store {
             .or_else(|| denied().map(Error::file("write into", &folder)))
     }
 
-    /// The first path that should be a folder and is not: the folders above the trial's, and the trial's own.
+    /// The first path that should be a folder and is not: one above the trial's folder, or that folder itself.
     fn no_folder(&self, folder: &Path) -> Option<PathBuf> {
         let above = folder.ancestors().take_while(|path| *path != self.root);
         let all: Vec<PathBuf> = above.map(Path::to_owned).collect();

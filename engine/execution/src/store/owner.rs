@@ -1,8 +1,8 @@
 //! Owners: processes that compute trials, and whether they still run.
 //!
-//! A process id is valid only within one process namespace of one boot of one machine. A process in the same
-//! namespace sees whether the owner runs. From everywhere else it is unknown: on another host, but also in
-//! another container on this one, or on a machine that has the same name or was started again.
+//! A process id is valid only within one process namespace of one boot of one machine. A process in the same namespace
+//! sees whether the owner runs. From everywhere else its state is unknown: from another host, but also from another
+//! container on this one, or on a machine that has the same name or was restarted.
 
 use crate::world::process::{self, ProcessScope, ProcessState};
 use serde::{Deserialize, Serialize};
@@ -12,12 +12,11 @@ use serde::{Deserialize, Serialize};
 pub struct Owner {
     /// Name of the machine.
     pub host: String,
-    /// The machine's boot and the process namespace, within which process ids are valid. Empty where they are
-    /// not known.
+    /// The machine's boot and the process namespace, within which process ids are valid. Empty if they are not known.
     pub boot: String,
     /// Process id in that namespace.
     pub pid: u32,
-    /// Start of the process in clock ticks since boot; tells a process from a later one with its id.
+    /// Start of the process in clock ticks since boot, which distinguishes a process from a later one with the same id.
     pub started_ticks: u64,
     /// The Slurm job and array task of the process.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -25,7 +24,7 @@ pub struct Owner {
 }
 
 impl Owner {
-    /// The owner that stands for this process.
+    /// The owner that represents this process.
     #[must_use]
     #[expect(
         clippy::disallowed_methods,
@@ -50,14 +49,14 @@ impl Owner {
         }
     }
 
-    /// Whether the process still runs; `None` where that cannot be told from here.
+    /// Whether the process still runs; `None` if that cannot be determined here.
     #[must_use]
     pub fn is_alive(&self) -> Option<bool> {
         self.is_alive_seen_from(&Self::this_process(), process::look)
     }
 
-    /// As [`is_alive`](Self::is_alive), from the place of the process `here`; `look` shows the state of a
-    /// process id there.
+    /// Like [`is_alive`](Self::is_alive), from the place of the process `here`; `look` returns the state of a process
+    /// id there.
     fn is_alive_seen_from(&self, here: &Self, look: impl Fn(u32) -> ProcessState) -> Option<bool> {
         if here.boot.is_empty() || (&self.host, &self.boot) != (&here.host, &here.boot) {
             return None;

@@ -1,11 +1,10 @@
-//! The record of a trial that has not ended `ok`: up to a pause of a search, or up to the last measurement before
-//! a number was not finite.
-//! One file in the trial's folder, `partial-STEP.parcel`, holds the metrics and their acknowledgement: a text
-//! like that of `trial.json`, sealed, with the key and the digest of the metrics. The name holds the step up
-//! to which the trial was measured, so that a program which lost its lease and writes late does not replace a
-//! later pause: the farthest file counts. Earlier files go when it is stored, and all of them when the trial
-//! has ended `ok`, whose metrics include them. Searches compare settings by this record, so that it is
-//! merged, checked and verified as an ended trial is.
+//! The record of a trial that has not ended `ok`: up to a pause of a search, or up to the last measurement before a
+//! number was not finite. One file in the trial's folder, `partial-STEP.parcel`, contains the metrics and their
+//! acknowledgement: a text like that of `trial.json`, sealed, with the key and the digest of the metrics. The name
+//! contains the step up to which the trial was measured, so that a program which lost its lease and writes late does
+//! not replace a later pause: the file with the largest step counts. Earlier files are removed when it is stored, and
+//! all of them when the trial has ended `ok`, since its metrics include them. Searches compare settings by this record,
+//! so it is merged, checked and verified like an ended trial.
 
 use super::{
     METRICS, Store, TrialFile, boundary, bundle, date, index, inside, pack, remove,
@@ -24,7 +23,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// File name of a record that travels alone, whatever its step.
+/// File name of a record in transit, for any step.
 pub(super) const NAME: &str = "partial.parcel";
 /// Parts of the file, in this order.
 const FILES: [&str; 2] = [METRICS, "trial.json"];
@@ -32,21 +31,21 @@ const FILES: [&str; 2] = [METRICS, "trial.json"];
 /// The record of a trial up to a pause, or before its numbers were not finite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Partial {
-    /// Acknowledgement of the record; its end names the reason of the stop.
+    /// Acknowledgement of the record; its end names the reason for the stop.
     pub file: TrialFile,
     /// Metrics of the record.
     pub table: MetricsTable,
 }
 
 impl Partial {
-    /// Step of the last measurement while learning; `None` where there was none.
+    /// Step of the last measurement during learning; `None` if there was none.
     #[must_use]
     pub fn step(&self) -> Option<u64> {
         let measured = self.table.rows.iter().filter(|row| row.phase == Phase::Evaluate);
         measured.map(|row| row.step).max()
     }
 
-    /// Whether this record holds the first rows of `other`, or all of them.
+    /// Whether this record contains the first rows of `other`, or all of them.
     pub(super) fn begins(&self, other: &Self) -> bool {
         let named = |it: &Self, row: &Row| {
             let name = it.table.names.get(usize::from(row.metric)).cloned();
@@ -68,7 +67,7 @@ impl Partial {
     }
 }
 
-/// The first rows of a record, with the names that they have.
+/// The first rows of a record, with the names that they use.
 pub(super) fn first_rows(record: &Recorder, count: usize) -> Recorder {
     let rows = record.rows()[..count.min(record.rows().len())].to_vec();
     let names = rows
@@ -86,11 +85,10 @@ pub(super) fn rows_until(record: &Recorder, step: u64) -> usize {
 }
 
 impl Store {
-    /// The record of a trial that has not ended `ok`, in its folder or in a pack; `None` where none is
-    /// stored.
+    /// The record of a trial that has not ended `ok`, in its folder or in a pack; `None` if none is stored.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the file was changed, or is of another trial.
+    /// [`Error::Damaged`] if the file was changed, or is of another trial.
     pub fn partial(&self, id: &str) -> Result<Option<Partial>, Error> {
         match self.farthest_file(id)? {
             Some((path, bytes)) => decode(id, &bytes, &path).map(Some),
@@ -103,7 +101,7 @@ impl Store {
         let folder = self.folder(id);
         for name in names_in(&folder)?.iter().rev() {
             let path = folder.join(name);
-            // A file that is removed meanwhile makes room for a later one.
+            // A file that is removed meanwhile is replaced by a later one.
             if let Some(bytes) = inside::read(&path)? {
                 return Ok(Some((path, bytes)));
             }
@@ -118,11 +116,11 @@ impl Store {
         self.partial(id).ok().flatten()?.step()
     }
 
-    /// Stores the record of a trial up to a pause, or before a number was not finite; `end` says which. A
-    /// stored record stays where it holds more. A damaged one is set aside.
+    /// Stores the record of a trial up to a pause, or before a number was not finite; `end` tells which. A stored
+    /// record is kept if it contains more. A damaged one is set aside.
     ///
     /// # Errors
-    /// [`Error::File`] where a file cannot be written.
+    /// [`Error::File`] if a file cannot be written.
     pub fn keep_partial(&self, trial: &Trial, end: TrialEnd, record: &Recorder) -> Result<(), Error> {
         let metrics = metrics_file::encode(record, &trial.id)?;
         let digest = digest::of_bytes(&metrics);
@@ -158,7 +156,7 @@ impl Store {
             .try_for_each(|name| remove(&folder.join(name)))
     }
 
-    /// The bytes of a trial's intact record, with their content; `None` where there are none.
+    /// The bytes of a trial's intact record, with their content; `None` if there are none.
     pub(super) fn partial_bytes(&self, id: &str) -> Result<Option<(Vec<u8>, Partial)>, Error> {
         let Some(partial) = self.partial(id)? else {
             return Ok(None);
@@ -171,10 +169,10 @@ impl Store {
         Ok(Some((bytes, partial)))
     }
 
-    /// The metrics and the acknowledgement of a paused trial, by their names; empty where none is stored.
+    /// The metrics and the acknowledgement of a paused trial, by their names; empty if none is stored.
     ///
     /// # Errors
-    /// As [`partial`](Self::partial).
+    /// The errors of [`partial`](Self::partial).
     pub fn files_at_pause(&self, id: &str) -> Result<Vec<(String, Vec<u8>)>, Error> {
         let Some((bytes, _)) = self.partial_bytes(id)? else {
             return Ok(Vec::new());
@@ -188,7 +186,7 @@ impl Store {
         metrics.ok_or_else(|| damaged(&self.folder(id), "its metrics at a pause are not there".into()))
     }
 
-    /// The farthest record of a paused trial in packs.
+    /// The latest record of a paused trial in packs.
     fn partial_in_packs(&self, id: &str) -> Result<Option<Partial>, Error> {
         let mut farthest: Option<Partial> = None;
         for short in self.paused_in_packs(id)? {
@@ -211,7 +209,7 @@ impl Store {
     }
 }
 
-/// Removes the partial records of a trial that has ended `ok`; mostly there are none.
+/// Removes the partial records of a trial that has ended `ok`; usually there are none.
 pub(super) fn forget(trial: &Path) -> Result<(), Error> {
     names_in(trial)?
         .iter()
@@ -223,7 +221,7 @@ pub(super) fn name_at(step: u64) -> String {
     format!("partial-{step}.parcel")
 }
 
-/// The step in the name of a record, 0 for one that has travelled; `None` for other names.
+/// The step in the name of a record, 0 for one that was in transit; `None` for other names.
 pub(super) fn step_of(name: &str) -> Option<u64> {
     if name == NAME {
         return Some(0);
@@ -232,7 +230,7 @@ pub(super) fn step_of(name: &str) -> Option<u64> {
     step.parse().ok().filter(|step| name_at(*step) == name)
 }
 
-/// File names of the records in a trial's folder, the farthest last.
+/// File names of the records in a trial's folder, the latest last.
 pub(super) fn names_in(trial: &Path) -> Result<Vec<String>, Error> {
     let mut names = super::names(trial)?;
     names.retain(|name| step_of(name).is_some());
@@ -347,7 +345,7 @@ mod tests {
         let partial = store.partial(&trial.id).unwrap().unwrap();
         assert_eq!(partial.table.rows, record(3).rows());
         assert_eq!(store.end(&trial.id).unwrap(), None, "it has not ended");
-        // The final metrics hold the whole record.
+        // The final metrics contain the whole record.
         store.finish(&trial, &record(4), 1.0).unwrap();
         assert_eq!(store.partial(&trial.id).unwrap(), None);
     }

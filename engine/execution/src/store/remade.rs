@@ -1,4 +1,4 @@
-//! Records that can be made again at any time: a damaged one, or one that cannot be kept, counts as absent.
+//! Records that can be made again at any time; a damaged one, or one that cannot be stored, counts as absent.
 
 use super::{read_file, seal, write_durably};
 use crate::world::fs;
@@ -6,7 +6,7 @@ use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// The value that a file holds under a key; `None` where there is none, or where its check does not hold.
+/// The value that a file contains under a key; `None` if there is none, or if its checksum does not match.
 pub(super) fn recall<T: DeserializeOwned>(path: &Path, key: &str) -> Option<T> {
     let text = read_file(path).ok()??;
     if !seal::is_sealed(&text) {
@@ -16,7 +16,7 @@ pub(super) fn recall<T: DeserializeOwned>(path: &Path, key: &str) -> Option<T> {
     serde_json::from_value(record[key].take()).ok()
 }
 
-/// Keeps a value under a key in a file, unless it holds that already.
+/// Stores a value under a key in a file, unless the file already has it.
 pub(super) fn keep(path: &Path, key: &str, value: &impl Serialize) {
     let text = serde_json::to_vec(&json!({ key: value })).map(seal::sealed);
     if let (Ok(text), Some(folder)) = (text, path.parent())

@@ -19,12 +19,12 @@ impl Store {
             .collect()
     }
 
-    /// Keeps an answer. An answer that cannot be kept is found out again.
+    /// Stores an answer. An answer that cannot be stored is determined again.
     pub fn keep_repeats(&self, id: &str, repeats: &Repeats) {
         remade::keep(&self.repeats_file(id), KEY, repeats);
     }
 
-    /// Copies the answers of another store for trials that this one holds too.
+    /// Copies the answers of another store for trials that this one has too.
     pub(super) fn take_repeats(&self, source: &Self) {
         let known = self.repeats();
         let other = source.repeats().into_iter();

@@ -7,12 +7,11 @@
 //!                          work/            working folder of an agent that trains itself
 //! ```
 //!
-//! A checkpoint is written into a folder of another name, flushed to the disk and renamed; older ones are
-//! then removed. A checkpoint that is not whole, or whose rows are not in the log, is skipped: the trial
-//! continues from an older one or begins anew, and either way ends with the same numbers.
+//! A checkpoint is written into a folder of another name, flushed to the disk and renamed; older ones are then removed.
+//! An incomplete checkpoint, or one whose rows are not in the log, is skipped: the trial continues from an older one or
+//! starts again, and ends with the same numbers either way.
 //!
-//! No file here is acknowledged: the measurements at a pause are stored besides, see
-//! [`Partial`](super::Partial).
+//! No file here is acknowledged; the measurements at a pause are stored separately, see [`Partial`](super::Partial).
 
 use super::{
     OUTPUT, absent_is_fine, boundary,
@@ -42,7 +41,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Time for which rows wait for the log, so that a short trial writes none.
+/// Time for which rows wait before they are logged, so that a short trial writes no log.
 const NOTE_EVERY: Duration = Duration::from_secs(1);
 /// Least interval between two saves, as a multiple of the duration of the last one.
 const WORK_PER_SAVE: u32 = 20;
@@ -57,13 +56,13 @@ pub struct RunningTrial {
     trial: String,
     every: Duration,
     stop: Arc<AtomicBool>,
-    /// The step at which the trial pauses, once that is measured.
+    /// The step at which the trial pauses after the measurement there.
     until: Option<u64>,
     /// Allowed silence of an agent that trains itself.
     patience: Option<Duration>,
     /// Share of the machine that such an agent has.
     share: Share,
-    /// Record up to the pause, once the trial has come there.
+    /// Record up to the pause, once the trial has reached it.
     paused: Option<Recorder>,
     /// Number of rows that were all finite when they were checked, or saved by an earlier process.
     looked_at: usize,
@@ -76,7 +75,7 @@ pub struct RunningTrial {
     noted: Instant,
     saved: Instant,
     cost: Duration,
-    /// Number of the checkpoint that was taken up last.
+    /// Number of the checkpoint that was loaded last.
     taken_up: Option<u64>,
     refused: BTreeSet<u64>,
 }
@@ -87,14 +86,14 @@ struct TrialCheckpoint {
     protocol: Value,
     running: Running,
     log: LogPosition,
-    /// Seconds that were spent on the trial so far; 0 in those of programs that did not note them.
+    /// Seconds that were spent on the trial so far; 0 in checkpoints of programs that did not record them.
     #[serde(default)]
     wall_s: f64,
 }
 
 impl RunningTrial {
-    /// The keeper of the trial `trial` whose folder in the store is `folder`. It saves after `every` (each
-    /// time where that is zero) and when `stop` is set. No folder is created before the first save.
+    /// The keeper of the trial `trial` whose folder in the store is `folder`. It saves after `every` (each time if that
+    /// is zero) and when `stop` is set. No folder is created before the first save.
     #[must_use]
     pub fn open(folder: &Path, trial: &str, every: Duration, stop: Arc<AtomicBool>) -> Self {
         Self {
@@ -119,28 +118,28 @@ impl RunningTrial {
         }
     }
 
-    /// The same keeper, for a trial that pauses at a step, once that is measured.
+    /// The same keeper, for a trial that pauses at a step after the measurement there.
     #[must_use]
     pub fn until(mut self, step: Option<u64>) -> Self {
         self.until = step;
         self
     }
 
-    /// The same keeper, for a trial that ends after so long a silence of its training.
+    /// The same keeper, for a trial that ends after this time without output of its training.
     #[must_use]
     pub fn patient(mut self, patience: Option<Duration>) -> Self {
         self.patience = patience;
         self
     }
 
-    /// The same keeper, for a trial that has another share of the machine than one core.
+    /// The same keeper, for a trial with a share of the machine other than one core.
     #[must_use]
     pub fn sharing(mut self, share: Share) -> Self {
         self.share = share;
         self
     }
 
-    /// Record of the trial up to its pause; `None` where it has not come there.
+    /// Record of the trial up to its pause; `None` if it has not reached it.
     #[must_use]
     pub fn at_pause(&self) -> Option<&Recorder> {
         self.paused.as_ref()
@@ -152,8 +151,8 @@ impl RunningTrial {
         &self.failed
     }
 
-    /// Wall-clock time that was spent on the trial's present rows, in seconds, in this process and in those
-    /// from which it continues.
+    /// Wall-clock seconds that were spent on the trial's present rows, in this process and in those from which it
+    /// continues.
     #[must_use]
     pub fn wall_s(&self) -> f64 {
         self.earlier_s + clock::since(self.begun).as_secs_f64()
@@ -162,13 +161,13 @@ impl RunningTrial {
     /// Removes the files that are kept for an ended trial; there may be none.
     ///
     /// # Errors
-    /// [`Error::File`] where a file cannot be removed.
+    /// [`Error::File`] if a file cannot be removed.
     pub fn discard(folder: &Path) -> Result<(), Error> {
         let running = running(folder);
         absent_is_fine(fs::remove_dir_all(&running)).map_err(Error::file("remove", &running))
     }
 
-    /// Numbers of the existing checkpoints, whole or not, in order.
+    /// Numbers of the existing checkpoints, complete or not, in order.
     fn numbers(&self) -> Result<BTreeSet<u64>, Error> {
         let names = names(&self.folder)?;
         Ok(names
@@ -181,7 +180,7 @@ impl RunningTrial {
         self.folder.join(format!("{PREFIX}{number}"))
     }
 
-    /// State, log and rows of a checkpoint; `None` where it is not whole.
+    /// State, log and rows of a checkpoint; `None` if it is incomplete.
     fn read(&self, number: u64) -> Result<Option<(TrialCheckpoint, MetricLog, MetricsTable)>, Error> {
         let folder = self.checkpoint(number);
         if !is_whole(&folder, &self.trial) {
@@ -214,7 +213,7 @@ impl RunningTrial {
         flush(&self.folder).map_err(Error::file("flush", &self.folder))
     }
 
-    /// A new folder under a name that no other process has: files of two processes must never mix.
+    /// A new folder under a name that no other process uses, since files of two processes must never mix.
     fn unfinished(&self, number: u64) -> Result<PathBuf, Error> {
         let mut attempt = 0;
         loop {
@@ -384,13 +383,13 @@ impl Keeper for RunningTrial {
     }
 }
 
-/// Whether an agent that trains itself works, or worked, in a trial that has not been put away yet.
+/// Whether an agent that trains itself works, or worked, in a trial whose files have not been removed yet.
 pub(super) fn has_work(folder: &Path) -> bool {
     fs::is_folder(&running(folder).join(WORK))
 }
 
-/// Moves the last output of a trial into its folder, to be acknowledged with the trial's end; returns its
-/// hash, where output is kept.
+/// Moves the last output of a trial into its folder, to be acknowledged with the trial's end; returns its hash, if
+/// output is kept.
 pub(super) fn settle_output(folder: &Path) -> Result<Option<String>, Error> {
     let (from, to) = (running(folder).join(OUTPUT), folder.join(OUTPUT));
     match fs::read(&from) {
@@ -433,7 +432,7 @@ pub(super) fn faults(running: &Path, trial: &str) -> Result<Vec<(String, &'stati
     Ok(faults)
 }
 
-/// Whether the log still holds the rows that a whole checkpoint needs.
+/// Whether the log still has the rows that a complete checkpoint needs.
 fn has_its_rows(checkpoint: &Path, running: &Path) -> bool {
     let state = fs::read(checkpoint.join("state.json")).ok();
     let state = state.and_then(|text| serde_json::from_slice::<TrialCheckpoint>(&text).ok());
@@ -451,7 +450,7 @@ fn running(folder: &Path) -> PathBuf {
     folder.join("running")
 }
 
-/// Flushes the name of a new folder of a trial, and those that lead to it, to the disk.
+/// Flushes the name of a new folder of a trial, and the folders that lead to it, to the disk.
 fn flush_with_way(folder: &Path) -> Result<(), Error> {
     for path in folder.ancestors().take(2) {
         flush(path).map_err(Error::file("flush", path))?;

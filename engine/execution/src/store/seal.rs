@@ -1,4 +1,4 @@
-//! A check value at the end of a JSON object, so that a changed bit anywhere in the file is noticed.
+//! A checksum at the end of a JSON object, with which a changed bit anywhere in the file is noticed.
 
 use contract::digest::{self, LENGTH};
 
@@ -7,7 +7,7 @@ const AFTER: &[u8] = b"\"}";
 
 /// Adds the key `check` to the text of a JSON object: a hash of everything before it.
 pub(super) fn sealed(mut object: Vec<u8>) -> Vec<u8> {
-    // The closing brace comes after the check.
+    // The closing brace comes after the checksum.
     object.pop();
     let check = digest::of_bytes(&object);
     object.extend([BEFORE, check.as_bytes(), AFTER].concat());
@@ -19,12 +19,12 @@ pub(super) fn is_sealed(text: &[u8]) -> bool {
     before_check(text).is_some()
 }
 
-/// The text of the object that was [`sealed`]; `None` where the check does not hold.
+/// The text of the object that was [`sealed`]; `None` if the checksum does not match.
 pub(super) fn unsealed(text: &[u8]) -> Option<Vec<u8>> {
     before_check(text).map(|object| [object, b"}"].concat())
 }
 
-/// The text before a check that holds.
+/// The text before a matching checksum.
 fn before_check(text: &[u8]) -> Option<&[u8]> {
     let tail = BEFORE.len() + LENGTH + AFTER.len();
     let (object, tail) = text.len().checked_sub(tail).map(|length| text.split_at(length))?;

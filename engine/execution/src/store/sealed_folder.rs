@@ -1,5 +1,5 @@
-//! Sealed folders: the last file of each, `manifest.json`, lists a hash of every other one and so shows
-//! whether the folder is whole.
+//! Sealed folders. The last file of each, `manifest.json`, lists a hash of every other file and thereby shows whether
+//! the folder is complete.
 
 use super::inside::{contents, is_file, is_folder, read};
 use crate::world::fs::{self, File};
@@ -13,7 +13,7 @@ const MANIFEST: &str = "manifest.json";
 struct Manifest {
     /// Version of the form.
     format: u32,
-    /// Version of the program: another one may write and read other files.
+    /// Version of the program; another version may write and read other files.
     program: String,
     /// Id of the folder's trial.
     trial: String,
@@ -24,7 +24,7 @@ struct Manifest {
 /// Flushes every file of a folder to the disk and adds the manifest last.
 ///
 /// # Errors
-/// [`Error::File`] where a file cannot be read or written.
+/// [`Error::File`] if a file cannot be read or written.
 pub(super) fn seal(folder: &Path, trial: &str) -> Result<(), Error> {
     let manifest = describe(folder, trial).map_err(Error::file("read", folder))?;
     let text = serde_json::to_vec(&manifest)
@@ -56,23 +56,23 @@ pub(crate) fn flush(path: &Path) -> io::Result<()> {
 /// done so.
 ///
 /// # Errors
-/// [`Error::File`] where a folder of the store cannot be flushed.
+/// [`Error::File`] if a folder of the store cannot be flushed.
 pub(super) fn flush_way_to(trial: &Path) -> Result<(), Error> {
     flush_way(trial, 3)
 }
 
-/// Flushes the names that lead to a folder of the store to the disk: its own, and those of the next `folders`
-/// above it; the last of these is the store.
+/// Flushes the names that lead to a folder of the store to the disk: its own, and those of the next `folders` above it,
+/// the last of which is the store.
 ///
 /// # Errors
-/// [`Error::File`] where a folder of the store cannot be flushed.
+/// [`Error::File`] if a folder of the store cannot be flushed.
 pub(crate) fn flush_way(to: &Path, folders: usize) -> Result<(), Error> {
     let mut above = to.ancestors().skip(1).map(named_or_here);
     for folder in above.by_ref().take(folders) {
         flush(folder).map_err(Error::file("flush", folder))?;
     }
     match above.next().map_or(Ok(()), flush) {
-        // The folder that holds the store may be one that only other users can read.
+        // The folder that contains the store may be one that only other users can read.
         Err(source) if source.kind() != io::ErrorKind::PermissionDenied => {
             Err(Error::file("flush the folder above", to)(source))
         }
@@ -80,7 +80,7 @@ pub(crate) fn flush_way(to: &Path, folders: usize) -> Result<(), Error> {
     }
 }
 
-/// A folder by a path that leads to it: the path of the current one is empty.
+/// A folder by a non-empty path, since the path of the current folder may be empty.
 fn named_or_here(folder: &Path) -> &Path {
     if folder.as_os_str().is_empty() {
         Path::new(".")

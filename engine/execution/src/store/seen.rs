@@ -1,9 +1,9 @@
-//! Records of the verdicts that were seen, a file a study: `looks/<study>.json`, sealed as a `trial.json` is.
+//! Records of the verdicts that were seen, one file per study: `looks/<study>.json`, sealed like a `trial.json`.
 //!
-//! No computation brings such a record back, and without it a verdict that was chosen with results in view
-//! looks like one that was not. So a damaged record is set aside and never written over, and the record that
-//! replaces it says so to every later report. Records of earlier programs have no seal; they are read, and
-//! sealed when they are next written.
+//! No computation can restore such a record, and without it a verdict that was chosen with knowledge of results looks
+//! like one that was not. Therefore a damaged record is set aside and never overwritten, and the record that replaces
+//! it reports this to every later report. Records of earlier programs have no seal; they are read, and sealed when they
+//! are next written.
 
 use super::{Fault, Finding, Findings, LOOKS, Store, inside, names, seal, write_durably};
 use crate::world::fs;
@@ -22,33 +22,33 @@ const SCHEMA: u32 = 2;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SeenVerdicts {
-    /// Version of this form; none in records of earlier programs.
+    /// Version of this form; absent in records of earlier programs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     schema: Option<u32>,
     /// Numbers of seeds with which each verdict was seen.
     pub verdicts: BTreeMap<String, BTreeSet<u32>>,
-    /// Planned looks at the time when a number of seeds was first seen, empty where that number was fixed.
-    /// Records of earlier programs have no plans.
+    /// Planned looks at the time when a number of seeds was first seen; empty if that number was fixed. Records of
+    /// earlier programs have no plans.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub plans: BTreeMap<String, BTreeMap<u32, BTreeSet<u32>>>,
-    /// Rule of the verdict when it was first seen, in words. Records of earlier programs have no rules.
+    /// Rule of the verdict when it was first seen, as text. Records of earlier programs have no rules.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub rules: BTreeMap<String, String>,
     /// The fixed round of a confirmation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fixed: Option<Fixed>,
-    /// Path of the earlier, damaged record inside the store: the verdicts that were seen then are not known.
+    /// Path of the earlier, damaged record inside the store; the verdicts that were seen then are not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost: Option<PathBuf>,
 }
 
-/// A round of a confirmation as it was when it was first computed.
+/// A round of a confirmation in the form in which it was first computed.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fixed {
     /// Hash of its claims, published values and seeds.
     pub digest: String,
-    /// Time of the first computation, in UTC as RFC 3339 writes it.
+    /// Time of the first computation, in UTC in the format of RFC 3339.
     pub at: String,
     /// Number of its trials that had ended then.
     pub ended: usize,
@@ -73,7 +73,7 @@ impl SeenVerdicts {
         self.lost = self.lost.take().or(more.lost);
     }
 
-    /// Whether the record's file has a check.
+    /// Whether the record's file has a checksum.
     #[must_use]
     pub fn is_sealed(&self) -> bool {
         self.schema.is_some()
@@ -81,23 +81,23 @@ impl SeenVerdicts {
 }
 
 impl Store {
-    /// The record of the verdicts of a study that were seen; `None` where there is none.
+    /// The record of the verdicts of a study that were seen; `None` if there is none.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the file was changed, [`Error::Newer`] for that of a later program, and
-    /// [`Error::File`] where it cannot be read.
+    /// [`Error::Damaged`] if the file was changed, [`Error::Newer`] for that of a later program, and [`Error::File`] if
+    /// it cannot be read.
     pub fn seen_verdicts(&self, study: &str) -> Result<Option<SeenVerdicts>, Error> {
         let path = self.root.join(file_of(study));
         let text = inside::read(&path)?;
         text.map(|text| parse(&text, &path)).transpose()
     }
 
-    /// The record for further verdicts: a damaged one is set aside, and the new one says so. The fault of the
+    /// The record for further verdicts; a damaged one is set aside, and the new one reports this. The fault of the
     /// damaged record is returned as well.
     ///
     /// # Errors
-    /// The errors of [`seen_verdicts`](Self::seen_verdicts) without the first, and [`Error::File`] where
-    /// files cannot be moved or written.
+    /// The errors of [`seen_verdicts`](Self::seen_verdicts) without the first, and [`Error::File`] if files cannot be
+    /// moved or written.
     pub fn seen_or_begun(&self, study: &str) -> Result<(SeenVerdicts, Option<String>), Error> {
         let problem = match self.seen_verdicts(study) {
             Ok(seen) => return Ok((seen.unwrap_or_default(), None)),
@@ -118,7 +118,7 @@ impl Store {
     /// Writes the record of a study.
     ///
     /// # Errors
-    /// [`Error::File`] where it cannot be written.
+    /// [`Error::File`] if it cannot be written.
     pub fn keep_seen(&self, study: &str, seen: &SeenVerdicts) -> Result<(), Error> {
         let path = self.root.join(file_of(study));
         let folder = path.parent().unwrap_or(&self.root);
@@ -129,7 +129,7 @@ impl Store {
     /// Studies with a record, intact or not.
     ///
     /// # Errors
-    /// [`Error::File`] where the folder cannot be read.
+    /// [`Error::File`] if the folder cannot be read.
     pub fn studies_seen(&self) -> Result<Vec<String>, Error> {
         let names = names(&self.root.join(LOOKS))?;
         let studies = names.iter().filter_map(|name| name.strip_suffix(".json"));
@@ -177,7 +177,7 @@ fn parse(text: &[u8], path: &Path) -> Result<SeenVerdicts, Error> {
         schema: u32,
     }
     let Some(object) = seal::unsealed(text) else {
-        // A record of an earlier program has no check, and no version.
+        // A record of an earlier program has neither a checksum nor a version.
         let seen = serde_json::from_slice(text).ok();
         let earlier = seen.filter(|seen: &SeenVerdicts| seen.schema.is_none());
         return earlier
@@ -247,7 +247,7 @@ mod tests {
         assert!(problem.is_some() && begun.verdicts.is_empty());
         let aside = begun.lost.clone().unwrap();
         assert_eq!(fs::read(folder.path().join(&aside)).unwrap(), bytes);
-        // A later reader learns the same, also after the record was taken into another store.
+        // A later reader gets the same result, even after the record was merged into another store.
         assert_eq!(store.seen_or_begun("study").unwrap(), (begun.clone(), None));
         let mut other = seen();
         other.extend(begun);

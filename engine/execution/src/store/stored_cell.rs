@@ -8,11 +8,11 @@ use std::collections::BTreeSet;
 pub struct StoredCell {
     /// Key of one of its trials.
     pub key: TrialKey,
-    /// The seeds of all of them.
+    /// The seeds of all these trials.
     pub seeds: BTreeSet<u64>,
     /// Device of the runs that computed them; `None` for processors alone.
     pub device: Option<String>,
-    /// Time of the trials that ended well.
+    /// Time of the trials that ended successfully.
     pub took: Took,
 }
 
@@ -38,7 +38,7 @@ impl Took {
         self.wall_s += others.wall_s;
     }
 
-    /// Mean seconds of a trial; `None` where there is none.
+    /// Mean seconds of a trial; `None` if there is none.
     #[must_use]
     pub fn mean_s(self) -> Option<f64> {
         (self.trials > 0).then(|| self.wall_s / f64::from(self.trials))

@@ -1,13 +1,13 @@
-//! Digests of the values in a trial's tables. A result is the same where its values are, so that a library or a codec
-//! may change without changing a trial. The bytes of a file are held against the hash in `trial.json`.
+//! Digests of the values in a trial's tables. A result is the same if its values are, so that a library or a codec may
+//! change without changing a trial. The bytes of a file are compared with the hash in `trial.json`.
 
 use super::{METRICS, Store, TrialFile, inside::read_in};
 use contract::{parquet::values_digest, trial_end::EndState};
 use std::collections::BTreeMap;
 
 impl Store {
-    /// Digests of the values in the tables of a trial, by path inside its folder, from the files themselves.
-    /// A file that cannot be read has none: its bytes are held against their hash elsewhere.
+    /// Digests of the values in the tables of a trial, by path inside its folder, from the files themselves. A file
+    /// that cannot be read has none: its bytes are compared with their hash elsewhere.
     pub(super) fn values_of(&self, file: &TrialFile) -> BTreeMap<String, String> {
         let id = file.key.id();
         let folder = self.folder(&id);
@@ -59,7 +59,7 @@ mod tests {
         let (store, file) = stored(folders[0].path(), 0.5);
         let (other_store, other) = stored(folders[1].path(), -0.5);
         let (again, mut rewritten) = stored(folders[2].path(), 0.5);
-        // The trial's name in the file is no value.
+        // The trial's name in the file is not one of the values.
         let mut record = Recorder::default();
         record.add(Phase::Final, 7, 0, 0, "return", 0.5);
         let bytes = metrics_file::encode(&record, "another").unwrap();

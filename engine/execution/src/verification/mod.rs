@@ -16,9 +16,9 @@ use std::{
     sync::Arc,
 };
 
-/// Ids of `size` of the trials, all of them where it is absent or larger. The choice depends on the seed and
-/// on the ids alone: each id gets a number from both, and the smallest numbers are taken, so that a larger
-/// sample contains a smaller one.
+/// Ids of `size` of the trials; all of them if it is absent or larger. The choice depends only on the seed and on the
+/// ids: each id gets a number from both, and the ids with the smallest numbers are taken, so that a larger sample
+/// contains a smaller one.
 #[must_use]
 pub fn sample<'a>(ids: &BTreeSet<&'a str>, size: Option<usize>, seed: u64) -> BTreeSet<&'a str> {
     let number = |id: &str| *blake3::hash(format!("verify {seed} {id}").as_bytes()).as_bytes();
@@ -28,8 +28,8 @@ pub fn sample<'a>(ids: &BTreeSet<&'a str>, size: Option<usize>, seed: u64) -> BT
     drawn.into_iter().collect()
 }
 
-/// The trials in rounds: none takes from another one of its own round, so that each is computed from stored
-/// artifacts and not from those that were just computed. Places in `trials`.
+/// The trials in rounds. None takes from another trial of its own round, so that each is computed from stored artifacts
+/// instead of those that were just computed. The rounds contain places in `trials`.
 #[must_use]
 pub fn rounds(trials: &[&Trial]) -> Vec<Vec<usize>> {
     let mut left: BTreeMap<&str, usize> = trials
@@ -48,7 +48,7 @@ pub fn rounds(trials: &[&Trial]) -> Vec<Vec<usize>> {
         };
         let mut round: Vec<usize> = left.values().copied().filter(|place| !waits(place)).collect();
         if round.is_empty() {
-            // A circle cannot be stored: an id is a hash over those of its sources.
+            // A circle cannot be stored, since an id is a hash that includes those of its sources.
             round = left.values().copied().collect();
         }
         round.sort_unstable();
@@ -58,7 +58,7 @@ pub fn rounds(trials: &[&Trial]) -> Vec<Vec<usize>> {
     rounds
 }
 
-/// Reason why this program may not come to the same numbers; `None` where it has to.
+/// Reason why this program may not reach the same numbers; `None` if it must.
 #[must_use]
 pub fn cannot(key: &TrialKey, registry: &Registry) -> Option<String> {
     let agents = key.agent.parts().into_iter().map(|part| ("agent", part));
@@ -152,7 +152,7 @@ mod tests {
             let chosen = sample(&ids, Some(size), seed);
             prop_assert_eq!(chosen.len(), size.min(20));
             prop_assert!(chosen.is_subset(&sample(&ids, Some(size + 1), seed)));
-            // An id that is not chosen has no part in the choice.
+            // An id that is not chosen does not affect the choice.
             let mut fewer = ids.clone();
             fewer.retain(|id| chosen.contains(id) || id.len() > 1);
             let among_fewer = sample(&fewer, Some(size), seed);

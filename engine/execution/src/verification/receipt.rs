@@ -5,7 +5,7 @@ use contract::Build;
 use serde::Serialize;
 use std::{fmt::Write, path::PathBuf};
 
-/// Most lines of each kind about trials that were not computed again.
+/// Largest number of lines of each kind about trials that were not computed again.
 const MOST_LINES: usize = 20;
 
 /// The trials that were computed again, the program, and the outcomes.
@@ -15,21 +15,21 @@ pub struct Receipt {
     pub schema: u32,
     /// The program that computed the trials again.
     pub program: String,
-    /// Source code of that program, where it is known.
+    /// Source code of that program, if it is known.
     pub build: Option<Build>,
     /// Folder of the store.
     pub store: PathBuf,
-    /// Names of the studies; empty where it was the whole store.
+    /// Names of the studies; empty for the whole store.
     pub studies: Vec<String>,
     /// Number of trials that could have been computed again.
     pub eligible: usize,
-    /// Size of the sample that was asked for; all trials where absent.
+    /// Size of the sample that was requested; all trials if absent.
     pub sample: Option<usize>,
     /// The seed of the sample.
     pub seed: u64,
-    /// Trials of the studies that are not in the store.
+    /// Number of trials of the studies that are not in the store.
     pub missing: usize,
-    /// Trials that did not end `ok`: there is nothing to compare.
+    /// Number of trials that did not end `ok` and leave nothing to compare.
     pub not_ok: usize,
     /// One entry per trial.
     pub trials: Vec<ReceiptEntry>,
@@ -48,9 +48,9 @@ pub struct ReceiptEntry {
     pub setting: String,
     /// The replicate.
     pub seed: u64,
-    /// Fingerprint of the stored trial; `None` where it cannot be read.
+    /// Fingerprint of the stored trial; `None` if it cannot be read.
     pub stored: Option<Fingerprint>,
-    /// Fingerprint of the new computation; `None` where there was none.
+    /// Fingerprint of the new computation; `None` if there was none.
     pub now: Option<Fingerprint>,
     /// Result of the comparison.
     #[serde(flatten)]
@@ -65,7 +65,7 @@ pub enum VerificationOutcome {
     Same,
     /// The bytes differ.
     Different {
-        /// The differences: stored first, computed now second.
+        /// The differences: the stored values first, the new ones second.
         differences: Vec<Difference>,
     },
     /// The stored files differ from the acknowledged ones.
@@ -78,7 +78,7 @@ pub enum VerificationOutcome {
         /// The reason.
         problem: String,
     },
-    /// This program differs from that of the trial.
+    /// This program differs from the one that computed the trial.
     CannotVerify {
         /// The difference.
         problem: String,
@@ -86,7 +86,7 @@ pub enum VerificationOutcome {
 }
 
 impl VerificationOutcome {
-    /// Name of the outcome, as it is shown.
+    /// Displayed name of the outcome.
     #[must_use]
     pub fn word(&self) -> &'static str {
         match self {
@@ -152,7 +152,7 @@ impl Receipt {
         self.trials.iter().filter(|entry| is(&entry.outcome)).count()
     }
 
-    /// The receipt for people.
+    /// The receipt as text for users.
     #[must_use]
     pub fn text(&self) -> String {
         let mut out = self.head();

@@ -1,4 +1,4 @@
-//! Clocks. Their times decide when a step is done, and are shown to people; they reach no result.
+//! Clocks. Their times decide when a step is done, and are shown to users; they affect no result.
 
 #![expect(
     clippy::disallowed_methods,

@@ -1,7 +1,7 @@
 //! Files and folders.
 //!
-//! The calls are those of the standard library, by their names. Questions that a method of a path answers
-//! stand beside them, because such a method would bypass a simulated disk.
+//! The calls have the names of those of the standard library. Questions that a method of a path would answer have
+//! functions here, because such a method would bypass a simulated disk.
 
 #[cfg(test)]
 pub use super::simulated::files::{
@@ -18,12 +18,12 @@ pub use std::fs::{
 
 use std::path::{Component, Path};
 
-/// Whether a name leads to no place outside the folder from which it is seen, where no link stands in it.
+/// Whether a name stays inside the folder from which it is seen, provided that it contains no link.
 pub fn is_inside(name: &Path) -> bool {
     name.components().all(|part| matches!(part, Component::Normal(_)))
 }
 
-/// Makes a file readable for its owner alone.
+/// Makes a file readable only for its owner.
 ///
 /// # Errors
 /// The error of the system.
@@ -37,7 +37,7 @@ pub fn exists(path: &Path) -> bool {
     metadata(path).is_ok()
 }
 
-/// Whether a path has an entry, be it a link that leads nowhere.
+/// Whether a path has an entry, even if it is a link that leads nowhere.
 pub fn is_taken(path: &Path) -> bool {
     symlink_metadata(path).is_ok()
 }
@@ -52,7 +52,7 @@ const OF_ONE_MACHINE: [&str; 11] = [
     "bcachefs", "btrfs", "ext2", "ext3", "ext4", "f2fs", "overlay", "ramfs", "tmpfs", "xfs", "zfs",
 ];
 
-/// Whether a path lies on a file system of this machine alone; false where that is not known.
+/// Whether a path lies on a file system of this machine alone; false if that is not known.
 pub fn is_of_this_machine(path: &Path) -> bool {
     let (Ok(path), Ok(mounts)) = (canonicalize(path), read_to_string("/proc/self/mountinfo")) else {
         return false;
@@ -60,8 +60,8 @@ pub fn is_of_this_machine(path: &Path) -> bool {
     kind_of_mount(&mounts, &path).is_some_and(|kind| OF_ONE_MACHINE.contains(&kind))
 }
 
-/// The kind of the file system on which a path lies, from the table of mounts: the deepest one, and of several at one
-/// place the last.
+/// The kind of the file system on which a path lies, from the table of mounts: the deepest mount, and the last of
+/// several at one place.
 fn kind_of_mount<'a>(mounts: &'a str, path: &Path) -> Option<&'a str> {
     let mount = |line: &'a str| {
         let (before, after) = line.split_once(" - ")?;

@@ -10,12 +10,12 @@ use std::{
 
 pub use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 
-/// Scope of a process id: outside of it the id may name another process.
+/// Scope of a process id; outside of it the id may refer to another process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProcessScope {
     /// Host name of the machine.
     pub host: String,
-    /// Boot id and process namespace; empty where they are not known.
+    /// Boot id and process namespace; empty if they are not known.
     pub boot: String,
 }
 
@@ -26,7 +26,7 @@ pub enum ProcessState {
     Started(u64),
     /// No process, or only the remains of one.
     Gone,
-    /// The system does not tell.
+    /// The system does not report it.
     Hidden,
 }
 
@@ -59,7 +59,7 @@ pub fn look(pid: u32) -> ProcessState {
     }
     match fs::read_to_string(format!("/proc/{pid}/stat")) {
         Ok(stat) => started_ticks(&stat).map_or(ProcessState::Gone, ProcessState::Started),
-        // The first process always runs: where it cannot be seen, those of other users are hidden too.
+        // The first process always runs: if it cannot be seen, those of other users are hidden too.
         Err(source) if source.kind() == ErrorKind::NotFound && fs::exists(Path::new("/proc/1")) => {
             ProcessState::Gone
         }
@@ -69,8 +69,7 @@ pub fn look(pid: u32) -> ProcessState {
     }
 }
 
-/// Ends a process that leads a group of its own, with its descendants; a process that cannot be ended is left
-/// to itself.
+/// Ends a process that leads its own process group, with its descendants; a process that cannot be ended is left alone.
 pub fn end_group(child: &mut Child) {
     signal_group(child.id(), Signal::Kill);
     let _ = child.kill();
@@ -81,7 +80,7 @@ pub fn end_group(child: &mut Child) {
 pub enum Signal {
     /// Asks for an orderly end.
     Term,
-    /// A signal for free use: many programs save their state at it.
+    /// A signal for free use; many programs save their state on it.
     Usr1,
     /// Stops the process.
     Stop,
@@ -126,8 +125,8 @@ pub fn adopt_orphans() -> std::io::Result<()> {
     rustix::process::set_child_subreaper(named(std::process::id())).map_err(Into::into)
 }
 
-/// Has this process, and the program that replaces it, ended when the thread ends that started it. False
-/// where that thread is gone already: `parent` is no longer the parent.
+/// Causes this process, and the program that replaces it, to be ended when the thread that started it ends. False if
+/// that thread is already gone: `parent` is no longer the parent.
 ///
 /// # Errors
 /// The error of the system.
@@ -139,7 +138,7 @@ pub fn die_with(parent: u32) -> std::io::Result<bool> {
 /// Waits for a child, and reaps all others that end meanwhile.
 ///
 /// # Errors
-/// The error of the system, as where there is no such child.
+/// The error of the system, for example if there is no such child.
 pub fn wait_for(pid: u32) -> std::io::Result<Ending> {
     use rustix::process::{WaitOptions, wait};
     loop {
@@ -163,7 +162,7 @@ fn named(pid: u32) -> Option<rustix::process::Pid> {
     i32::try_from(pid).ok().and_then(rustix::process::Pid::from_raw)
 }
 
-/// A random number that cannot be guessed, for unique names; it is in no result.
+/// A random number that cannot be guessed, for unique names; it is not part of any result.
 #[expect(
     clippy::disallowed_methods,
     reason = "a name that nobody has needs the system's randomness, and is in no result"
@@ -183,8 +182,7 @@ fn line_of(path: &str) -> Option<String> {
     fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
 }
 
-/// The boot and the process namespace; `None` where they cannot be told, or where `/proc` shows another
-/// namespace.
+/// The boot and the process namespace; `None` if they cannot be determined, or if `/proc` shows another namespace.
 fn boot() -> Option<String> {
     let namespace = fs::read_link("/proc/self/ns/pid").ok()?;
     let own_view = fs::read_link("/proc/self").is_ok_and(|link| link == Path::new(&id().to_string()));
@@ -195,7 +193,7 @@ fn boot() -> Option<String> {
 /// Start time of a process in clock ticks since boot, from its line in `/proc`; `None` for the remains of
 /// one.
 fn started_ticks(stat: &str) -> Option<u64> {
-    // The name in parentheses may hold any character; the fields after it are numbered from 3.
+    // The name in parentheses may contain any character; the fields after it are numbered from 3.
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     let gone = matches!(*fields.first()?, "Z" | "X");
     if gone { None } else { fields.get(19)?.parse().ok() }

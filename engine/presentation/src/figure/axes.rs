@@ -40,8 +40,8 @@ pub(super) struct Frame {
 }
 
 impl Range {
-    /// The range that holds all finite values (all positive ones if logarithmic), widened by a part of itself
-    /// on each side. Both ends are finite and differ, and of a logarithmic range are positive.
+    /// The range that holds all finite values (all positive ones if logarithmic), widened by a part of itself on each
+    /// side. Both ends are finite and differ, and are positive if the range is logarithmic.
     pub(super) fn around(values: impl Iterator<Item = f64>, log: bool, padding: f64) -> Self {
         /// Distance below which two values share one place, since differences of smaller numbers vanish.
         const CLOSEST: f64 = 1e-300;
@@ -185,7 +185,7 @@ pub(super) fn vertical(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) {
     }
 }
 
-/// Ticks and numbers or names of the horizontal axis; returns how far down they reach.
+/// Ticks and numbers or names of the horizontal axis; returns the depth to which they reach.
 pub(super) fn horizontal(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) -> f64 {
     let ticks = ticks(scale, frame.x, frame.right - frame.left, true);
     let slot = (frame.right - frame.left) / count(scale.categories.len().max(1)) - 4.0;
@@ -214,7 +214,7 @@ pub(super) fn horizontal(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) ->
     TICK + 2.0 + lowest * LINE
 }
 
-/// An upright label in one line, or in several where it is longer than the room; `x` is the middle of the first line.
+/// An upright label in one line, or in several if it is longer than the room; `x` is the middle of the first line.
 pub(super) fn upright(label: &str, (x, y): Position, room: f64, marks: &mut Vec<Mark>) {
     for (index, line) in break_lines(label, room).into_iter().enumerate() {
         let at = (x + LINE * count(index), y);
@@ -229,7 +229,7 @@ pub(super) fn upright(label: &str, (x, y): Position, room: f64, marks: &mut Vec<
     }
 }
 
-/// Text broken between words so that each line fits, where its words are short enough.
+/// Text broken between words so that each line fits, if its words are short enough.
 pub(super) fn break_lines(text: &str, room: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {

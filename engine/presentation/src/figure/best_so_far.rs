@@ -91,7 +91,7 @@ fn number(searched: &CompletedSettings<'_>, at: usize) -> f64 {
     count(searched.places[at] + 1)
 }
 
-/// Every setting with its value, as a run of one point under the name of the setting.
+/// Every setting with its value, as a run of one point with the name of the setting.
 fn settings(searched: &CompletedSettings<'_>) -> Vec<RunLine> {
     let run = |at: usize| RunLine {
         name: searched.result.tried[searched.places[at]].setting.clone(),

@@ -1,4 +1,4 @@
-//! From results to a chart: the choice of the kind, and helpers that all kinds share.
+//! Builds a chart from results: the choice of the kind, and helpers that all kinds share.
 
 use super::{
     FigureSpec,
@@ -15,18 +15,18 @@ use std::collections::BTreeMap;
 pub struct Context<'a> {
     /// Results of all trials.
     pub results: &'a Results,
-    /// The study's agents in its order, which gives each its colour.
+    /// The study's agents in its order, which determines their colours.
     pub agents: &'a [String],
     /// Units by metric, for the labels of axes; a metric without one has no entry.
     pub units: &'a BTreeMap<String, String>,
-    /// The better direction by metric; more is better of a metric without an entry.
+    /// The better direction by metric; more is better for a metric without an entry.
     pub better: &'a BTreeMap<String, Better>,
 }
 
 /// Computes a figure.
 ///
 /// # Errors
-/// [`Error::Render`] where the results lack the values that the figure shows.
+/// [`Error::Render`] if the results lack the values that the figure shows.
 pub fn build(spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let mut chart = spec.kind.build(spec, context)?;
     for panel in &mut chart.panels {
@@ -48,7 +48,7 @@ pub fn build(spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     Ok(chart)
 }
 
-/// A sentence on the points that a logarithmic axis has no place for; `None` where there are none.
+/// A sentence on the points that have no place on a logarithmic axis; `None` if there are none.
 fn beyond_the_axes(chart: &Chart) -> Option<String> {
     let (mut all, mut out) = (0, 0);
     for panel in chart.panels.iter().filter(|panel| panel.x.log || panel.y.log) {
@@ -79,8 +79,8 @@ impl Context<'_> {
         )
     }
 
-    /// The look of one of `count` settings of an agent. The settings have a scale of colours where the agent is
-    /// `alone` in having several.
+    /// The look of one of `count` settings of an agent. The settings have a scale of colours if the agent is `alone` in
+    /// having several.
     pub(super) fn style_of_setting(&self, agent: &str, index: usize, (count, alone): (usize, bool)) -> Style {
         let own = self.style(agent);
         let hue = if alone { Hue::Ramp(index, count) } else { own.hue };
@@ -99,7 +99,7 @@ impl Context<'_> {
     #[must_use]
     pub fn scale(&self, spec: &FigureSpec, metric: &str, log: bool) -> Scale {
         let name = spec.labels.get(metric).cloned().unwrap_or_else(|| spaced(metric));
-        // A word that stands for numbered channels has the unit of the first of them.
+        // A word for numbered channels has the unit of the first of them.
         let unit = self
             .units
             .get(metric)
@@ -113,12 +113,12 @@ impl Context<'_> {
     }
 }
 
-/// The printed name: the label from the study, else the name itself.
+/// The printed name: the label from the study, or the name itself.
 pub(super) fn label(spec: &FigureSpec, name: &str) -> String {
     spec.labels.get(name).cloned().unwrap_or_else(|| name.into())
 }
 
-/// An agent's name with its setting, where the agent has more than one.
+/// An agent's name with its setting, if the agent has more than one.
 pub(super) fn label_with_setting(spec: &FigureSpec, agent: &str, setting: &str) -> String {
     if setting.is_empty() {
         label(spec, agent)
@@ -127,7 +127,7 @@ pub(super) fn label_with_setting(spec: &FigureSpec, agent: &str, setting: &str) 
     }
 }
 
-/// A chart with one panel per environment, titled where there are several.
+/// A chart with one panel per environment; panels have titles if there are several.
 pub(super) fn by_environment(
     spec: &FigureSpec,
     scope: &Scope<'_>,

@@ -19,7 +19,7 @@ pub struct Chart {
     pub paper: Paper,
 }
 
-/// Size of a figure as the study states it; absent values are chosen.
+/// Size of a figure as the study gives it; absent values are chosen.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Paper {
     /// Width in millimetres.
@@ -50,14 +50,14 @@ pub struct Scale {
     pub log: bool,
     /// Names at 0, 1, 2, ... instead of numbers; empty on an axis of numbers.
     pub categories: Vec<String>,
-    /// Values that the axis always holds, such as the zero of bars.
+    /// Values that the axis always includes, such as the zero of bars.
     pub includes: Vec<f64>,
 }
 
 /// One line, set of points, set of bars or surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// Name in the legend; empty where the series has no entry.
+    /// Name in the legend; empty if the series has no entry.
     pub label: String,
     /// Number of seeds behind the series, and number of seeds planned.
     pub seeds: Option<(usize, usize)>,
@@ -81,11 +81,11 @@ pub struct Style {
 pub enum Hue {
     /// The n-th colour of the palette.
     Palette(usize),
-    /// The i-th of n steps from dark to light, for series that are no agents.
+    /// The i-th of n steps from dark to light, for series other than agents.
     Ramp(usize, usize),
     /// Dark grey, for thresholds.
     Grey,
-    /// Pale grey and wide, for reference lines: it shows behind a line that covers it.
+    /// Pale grey and wide, for reference lines, which stay visible behind a line that covers them.
     Behind,
     /// Pale grey, for the lines of a crowded chart that are not among the best ones.
     Other,
@@ -97,7 +97,7 @@ impl Default for Hue {
     }
 }
 
-/// A point, with the interval of its vertical value where there is one.
+/// A point, with the interval of its vertical value if it has one.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Point {
     /// Value on the horizontal axis.

@@ -14,7 +14,7 @@ use super::{
 /// Approximate number of bands of colour.
 const BANDS: usize = 20;
 
-/// The range of all values that colours show; `None` where they show none.
+/// The range of all values that colours show; `None` if they show none.
 pub(super) fn heights(chart: &Chart) -> Option<Range> {
     let mut scales = scales(chart).map(|(_, values)| values).peekable();
     scales.peek()?;

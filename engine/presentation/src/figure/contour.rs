@@ -24,11 +24,11 @@ pub struct Contour {
     pub surface: Vec<String>,
     /// Metrics that hold x and y of the path, a point per measurement during learning, from light to dark.
     pub path: Vec<String>,
-    /// Which agents, one panel each; all where empty.
+    /// Agents to show, one panel each; all where empty.
     pub agents: Vec<String>,
-    /// Which environment; the first where absent.
+    /// Environment to show; the first where absent.
     pub environment: Option<String>,
-    /// Which seed; the first where absent.
+    /// Seed to show; the first where absent.
     pub seed: Option<u64>,
 }
 
@@ -64,7 +64,7 @@ impl Figure for Contour {
     }
 }
 
-/// The two metrics of the path, which are measured during learning.
+/// Checks the two metrics of the path, which are measured during learning.
 fn check_path(names: &mut Names<'_>, at: &Place<'_>, picked: &Picked) {
     let Some(list) = at.below("path") else { return };
     let items = list.node.items();
@@ -185,8 +185,8 @@ fn series(
     Ok(series)
 }
 
-/// The path of measurements during learning, in order, with its name; `None` where the study asks for no path or the
-/// trial measured none.
+/// The path of measurements during learning, in order, with its name; `None` if the study asks for no path or the trial
+/// measured none.
 fn path(kind: &Contour, trial: &TrialResult) -> Option<(String, Vec<Point>)> {
     let [x, y] = kind.path.as_slice() else { return None };
     let (x, y) = (trial.curve(Phase::Evaluate, x), trial.curve(Phase::Evaluate, y));

@@ -1,17 +1,17 @@
-//! Charts with more lines than a legend has room for: the best keep their colours and names, the rest are grey.
+//! Charts with more lines than a legend can name: the best keep their colours and names, the rest are grey.
 
 use super::chart::{Chart, Hue, Panel, Series, Style};
 use contract::Better;
 use statistics::estimators::mean;
 
-/// The most names that fit a legend: as many as there are colours.
+/// Largest number of names in a legend: the number of colours.
 const MOST_NAMED: usize = 8;
 /// Number of best lines that keep their names in a chart with more lines than that.
 const KEPT: usize = 5;
 
-/// Makes all but the best lines grey where a chart has too many names, and returns a sentence on it. Levels, agents
-/// that do not learn and published curves keep their colours, since readers compare lines with them. With several
-/// panels the mean rank counts.
+/// Makes all but the best lines grey if a chart has too many names, and returns a sentence on it. Levels, agents that
+/// do not learn and published curves keep their colours, since readers compare lines with them. With several panels,
+/// lines are compared by their mean rank.
 pub fn name_the_best(chart: &mut Chart, better: Better) -> Option<String> {
     let lines = names(chart, is_line);
     if names(chart, |_| true).len() <= MOST_NAMED || lines.len() <= KEPT {
@@ -49,7 +49,7 @@ pub fn name_the_best(chart: &mut Chart, better: Better) -> Option<String> {
     ))
 }
 
-/// A line that may become grey.
+/// Whether a series is a line that may become grey.
 fn is_line(series: &Series) -> bool {
     series.shape.form().is_dimmable()
 }
@@ -66,7 +66,7 @@ fn names(chart: &Chart, is: fn(&Series) -> bool) -> Vec<String> {
 }
 
 /// The rank of each line of a panel by the mean of the last values of its name: the number of better lines. A line
-/// without a value is the last.
+/// without a value is ranked last.
 fn ranks(panel: &Panel, lines: &[String], better: Better) -> Vec<usize> {
     let merit = |name: &String| {
         let named = panel
@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn over_panels_the_mean_rank_counts_and_a_missing_line_is_last() {
         let other: Vec<(&str, f64)> = NINE.iter().map(|(name, last)| (*name, -100.0 * last)).collect();
-        // Ranks add up to the same for all lines but `i`, which stands in one panel alone.
+        // The sum of ranks is the same for all lines except `i`, which is in one panel only.
         let mut two = chart(&[&NINE, &other[..8]]);
         let note = name_the_best(&mut two, Better::Higher).unwrap();
         assert!(note.contains("mean rank over the panels"), "{note}");

@@ -8,7 +8,7 @@ use super::{
 };
 use statistics::thinning;
 
-/// The most names in a sentence; more are counted.
+/// Largest number of names in a sentence; further ones are only counted.
 const MOST_NAMED: usize = 5;
 
 /// Sentences on everything that is drawn, and on nothing else.
@@ -51,7 +51,7 @@ impl NoteWriter<'_> {
             .then(|| format!("Lines are {lines} over n seeds{from}."))
     }
 
-    /// Sentence on runs with different steps: the way from them to a line.
+    /// Sentence on the construction of a line from runs with different steps.
     fn carried(&self) -> Option<String> {
         let names = self.names(|curve| !have_same_steps(curve));
         let which = match names.len() {
@@ -66,8 +66,8 @@ impl NoteWriter<'_> {
         })
     }
 
-    /// Sentence on lines that end although runs go on, in the study's own curves; the sentence on published curves
-    /// has its own words for it.
+    /// Sentence on lines that end although runs go on, in the study's own curves; published curves have a sentence of
+    /// their own.
     fn parts(&self) -> Option<String> {
         let part = |series: &Series, curve: &Curve| {
             let whole = ends(curve.all_runs().flat_map(|run| &run.points))?;

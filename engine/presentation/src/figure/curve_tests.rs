@@ -76,7 +76,7 @@ fn climb(change: impl Fn(&mut LearningCurve), agents: usize, seeds: u64) -> Char
     .unwrap()
 }
 
-/// Logs of two authors that go on after the study has ended. The first author has three runs, one with an early end.
+/// Logs of two authors that continue after the study has ended. The first author has three runs, one with an early end.
 fn logs(dir: &Path) -> Vec<PublishedCurve> {
     let mut text = String::from("author,run,step,return\n");
     for (author, run, last) in [
@@ -271,7 +271,7 @@ fn published_curves_end_with_the_study_and_are_in_its_data() {
         .unwrap();
     assert_eq!(series[0].style.color(), four.style.color());
     assert_ne!(series[1].style.color(), four.style.color());
-    // The mean ends where the shortest run does; the runs end where the study does.
+    // The mean ends with the shortest run; the runs end with the study.
     let ends = |shape: &Shape| {
         (
             shape.points().last().unwrap().x,
@@ -355,7 +355,7 @@ fn a_published_curve_that_cannot_be_read_is_said() {
     );
 }
 
-/// The whole note of a figure with everything in it, and the differing sentences of other figures.
+/// The complete note of a figure with every element, and the sentences of other figures that differ.
 #[test]
 fn notes_say_what_is_drawn() {
     let dir = tempfile::tempdir().unwrap();

@@ -21,7 +21,7 @@ impl Chart {
     /// `n` is the number of runs behind the points of the series.
     ///
     /// # Errors
-    /// [`Error::Render`] where the writer refuses.
+    /// [`Error::Render`] if the writer refuses.
     pub fn csv(&self) -> Result<String, Error> {
         if let Some(lines) = drawn::lines(self) {
             return write_csv(lines);
@@ -60,7 +60,7 @@ fn lines<'a>(
         })
 }
 
-/// Lines of points, whose places have the names of the axis where it has names.
+/// Lines of points; their places have the names of the axis if it has names.
 pub(super) fn of_points<'a>(points: &'a [Point], x: &'a Scale, run: &'a str) -> Rows<'a> {
     Box::new(points.iter().map(move |point| of_point(point, x, run)))
 }

@@ -1,4 +1,4 @@
-//! Shared parts of figures without axes: the choice of trials, the sentences on trials that left nothing, and the
+//! Shared parts of figures without axes: the choice of trials, the sentences on trials without the artifact, and the
 //! data as lines of a CSV file.
 
 use super::{

@@ -21,11 +21,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct GraphFigure {
-    /// Which agents, one drawing each, one below the other; all where empty.
+    /// Agents to show, one drawing each, one below the other; all where empty.
     pub agents: Vec<String>,
-    /// Which environment; the first where absent.
+    /// Environment to show; the first where absent.
     pub environment: Option<String>,
-    /// Which seed; the lowest where absent.
+    /// Seed to show; the lowest where absent.
     pub seed: Option<u64>,
 }
 

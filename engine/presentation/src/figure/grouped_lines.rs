@@ -1,4 +1,4 @@
-//! A metric against a swept key: a line per agent and remaining setting, agents without the key as levels.
+//! A metric against a swept key: a line per agent and remaining setting, and agents without the key as levels.
 
 use super::{
     Figure, FigureSpec,
@@ -31,9 +31,9 @@ pub struct GroupedLines {
     pub metric: String,
     /// The swept key on the horizontal axis, as its last word (`learning_rate`).
     pub x: String,
-    /// Which agents, one line each; all where empty.
+    /// Agents to show, one line each; all where empty.
     pub agents: Vec<String>,
-    /// Which environments, one panel each; all where empty.
+    /// Environments to show, one panel each; all where empty.
     pub environments: Vec<String>,
     /// Horizontal axis on a logarithmic scale.
     pub log_x: bool,
@@ -84,7 +84,7 @@ impl GroupedLines {
     }
 }
 
-/// Says where no sweep of the study varies the key.
+/// Reports a key that no sweep of the study varies.
 fn check_swept(key: &str, names: &mut Names<'_>, at: &Place<'_>) {
     if names.vocabulary.swept.is_empty() {
         let message = format!("`x` is `{key}`, but the study has no `sweep`");
@@ -130,7 +130,7 @@ fn build(kind: &GroupedLines, spec: &FigureSpec, context: Context<'_>) -> Result
     Ok(chart)
 }
 
-/// The values of the key in the order of the plan where some are no numbers; else empty.
+/// The values of the key in the order of the plan if some are no numbers; otherwise empty.
 fn categories(scope: &Scope<'_>, axis: &TableAxis) -> Vec<String> {
     let trials = scope.trials.iter();
     let values: Vec<&Value> = trials.filter_map(|trial| axis.value(trial)).collect();
@@ -158,7 +158,7 @@ fn swept(
     (agent, alone): (&str, bool),
     categories: &[String],
 ) -> Vec<Series> {
-    // Settings without the key come first, each as a level of its own.
+    // Settings without the key come first, each as its own level.
     let mut groups: BTreeMap<(bool, String), Group> = BTreeMap::new();
     let axis = kind.axis();
     for setting in scope.names(Axis::Setting, &[]) {

@@ -119,8 +119,8 @@ fn quantity(grid: &Grid, of_metric: String) -> String {
     }
 }
 
-/// The headings in the order in which they are drawn, which is that of the table for names, and for numbers
-/// the order of an axis: rows from the highest down, columns from the lowest up.
+/// The headings in the order in which they are drawn. Names keep the order of the table; numbers follow an axis: rows
+/// from the highest down, columns from the lowest up.
 fn order(headings: &[Heading], falling: bool) -> Vec<usize> {
     let numbers: Option<Vec<f64>> = headings.iter().map(|heading| heading.number).collect();
     let mut order: Vec<usize> = (0..headings.len()).collect();

@@ -17,19 +17,19 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Images {
-    /// Which agents, one panel each; all where empty.
+    /// Agents to show, one panel each; all where empty.
     pub agents: Vec<String>,
-    /// Which environment; the first where absent.
+    /// Environment to show; the first where absent.
     pub environment: Option<String>,
-    /// Which seed; the lowest where absent.
+    /// Seed to show; the lowest where absent.
     pub seed: Option<u64>,
-    /// Rows of images in a panel; fewer where a trial left fewer images.
+    /// Rows of images in a panel; fewer if a trial left fewer images.
     #[schemars(range(min = 1, max = 100))]
     pub rows: usize,
     /// Images in a row.
     #[schemars(range(min = 1, max = 100))]
     pub columns: usize,
-    /// The side of an image on paper; as large as there is room where absent.
+    /// The side of an image on paper; as large as the room allows where absent.
     #[schemars(range(min = 1.0, max = 80.0), extend("x-unit" = "mm"))]
     pub size_mm: Option<f64>,
 }
@@ -114,7 +114,7 @@ impl Images {
         }
     }
 
-    /// Sentence on the number of images shown of all, as in `The first 36 of 100 images of seed 0 in short.`
+    /// Sentence on the number of images that are shown, as in `The first 36 of 100 images of seed 0 in short.`
     fn note(&self, place: &str, trials: &[(String, &TrialResult, &Drawings)]) -> String {
         let counts = || trials.iter().map(|(.., drawings)| drawings.images.len());
         let (low, high) = (counts().min().unwrap_or(0), counts().max().unwrap_or(0));

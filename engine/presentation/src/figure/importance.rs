@@ -17,13 +17,13 @@ use document::count::count as count_in_words;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How much each key of a search matters.
+/// Importance of each key of a search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImportanceFigure {
     /// The search.
     pub search: String,
-    /// How often the values of each key are exchanged.
+    /// Number of times that the values of each key are exchanged.
     #[serde(default = "twenty")]
     #[schemars(range(min = 2, max = 1000))]
     pub exchanges: usize,

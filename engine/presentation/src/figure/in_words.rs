@@ -1,5 +1,5 @@
-//! A chart in one or two sentences, for readers who cannot see it: its kind, its axes, and the last values of its
-//! series.
+//! Describes a chart in one or two sentences, for readers who cannot see it: its kind, its axes, and the last values of
+//! its series.
 
 use super::{
     chart::{Chart, Panel, Point, Scale, Series},
@@ -8,11 +8,11 @@ use super::{
 };
 use crate::table::NumberFormat;
 
-/// The most values in the sentences; the tables and the file of the figure hold all.
+/// Largest number of values in the sentences; the tables and the file of the figure hold all.
 const MOST: usize = 12;
 
 impl Chart {
-    /// The chart in one or two sentences, made of its data.
+    /// The chart in one or two sentences, composed from its data.
     #[must_use]
     pub fn in_words(&self) -> String {
         if drawn::shapes(self).any(|(_, _, shape)| !shape.form().has_axes()) {
@@ -39,7 +39,7 @@ impl Chart {
     }
 }
 
-/// Nouns for the drawing and for its values, by the first series that is more than a reference.
+/// Nouns for the drawing and for its values, chosen by the first series that is not just a reference.
 fn nouns(chart: &Chart) -> (&'static str, &'static str) {
     let mut series = chart.panels.iter().flat_map(|panel| &panel.series);
     let first = series.find(|series| !series.shape.form().is_reference());
@@ -98,7 +98,7 @@ fn axes(chart: &Chart) -> String {
     }
 }
 
-/// The names of upright axes; `None` where there are none.
+/// The names of upright axes; `None` if there are none.
 fn upright_axes(chart: &Chart) -> Option<String> {
     let panel = chart
         .panels
@@ -118,7 +118,7 @@ fn ends(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
         })
 }
 
-/// A number without decimals that are all zero.
+/// A number, without its decimals if all of them are zero.
 fn short(format: NumberFormat, value: f64) -> String {
     if value.fract() == 0.0 && value.abs() < 1e15 {
         format!("{value:.0}")
@@ -151,7 +151,7 @@ fn panel_values(panel: &Panel) -> Vec<String> {
     panel.series.iter().filter_map(of_series).collect()
 }
 
-/// The lowest and the highest of some values, each with its place where it has one; `None` where no value is finite.
+/// The lowest and the highest of some values, each with its place if it has one; `None` if no value is finite.
 pub(super) fn span_of(
     label: &str,
     values: impl Iterator<Item = f64>,
@@ -166,7 +166,7 @@ pub(super) fn span_of(
     Some(format!("{label} from {} to {}", told(low), told(high)))
 }
 
-/// The number of some points.
+/// Number of some points, as text.
 pub(super) fn number_of(points: &[Point]) -> String {
     match points.len() {
         1 => "1 point".into(),
@@ -174,7 +174,7 @@ pub(super) fn number_of(points: &[Point]) -> String {
     }
 }
 
-/// Values with the names of their places; bars of a group lie beside the place of its name.
+/// Values with the names of their places; bars of a group lie near the place of its name.
 pub(super) fn at_names(points: &[Point], names: &Scale, format: NumberFormat) -> String {
     let one = |point: &Point| {
         let name = names.name_at(point.x).unwrap_or_default();
@@ -188,7 +188,7 @@ pub(super) fn at_names(points: &[Point], names: &Scale, format: NumberFormat) ->
         .join(", ")
 }
 
-/// Drawings without axes, panel by panel.
+/// Drawings without axes, panel by panel, as text.
 fn drawn_in_words(chart: &Chart) -> String {
     let one = |(index, panel, shape): (usize, &Panel, &Shape)| {
         let form = shape.form();

@@ -1,4 +1,4 @@
-//! From a chart to a drawing: positions of legend, panels, axes and labels.
+//! Turns a chart into a drawing: positions of legend, panels, axes and labels.
 
 use super::{
     axes::{self, Frame, OVERHANG, Range, TEXT},
@@ -17,7 +17,7 @@ pub(super) const SINGLE: f64 = 241.0;
 pub(super) const DOUBLE: f64 = 493.0;
 /// Points in a millimetre.
 pub(super) const POINTS_PER_MM: f64 = 72.0 / 25.4;
-/// Height of a line of text, and of one more line of a label.
+/// Height of a line of text, and of each further line of a label.
 const LINE: f64 = 10.0;
 const LABEL_LINE: f64 = 8.8;
 /// Height of a row of a vertical axis with names.
@@ -26,13 +26,13 @@ const ROW: f64 = 15.0;
 const LOWEST: f64 = 60.0;
 /// Room between a row's axis labels and the next row.
 const GAP: f64 = 7.0;
-/// The most upright axes beside each other in one column of a paper.
+/// Largest number of upright axes beside each other in one column of a paper.
 const MOST_UPRIGHT: usize = 4;
 /// Room for the colour bar of surfaces, its numbers and label.
 const COLOR_BAR: f64 = 42.0;
 
-/// Lays a chart out for paper, as wide as the study says; else one column wide with one column of panels, else two
-/// columns wide. Charts without axes have a layout of their own.
+/// Lays a chart out for paper at the width that the study gives; without one, a single column of panels is one paper
+/// column wide and several are two. Charts without axes have a layout of their own.
 pub(super) fn draw(chart: &Chart) -> Drawing {
     // Everything is laid out for text of the usual size, and then scaled as a whole.
     let scale = chart.paper.font_pt.map_or(1.0, |size| size / TEXT);
@@ -197,7 +197,7 @@ fn shows_x(chart: &Chart, index: usize) -> bool {
     !chart.shared_x || index + chart.columns >= chart.panels.len()
 }
 
-/// Height for rows of names; else a proportion of the width, unless the study states another width.
+/// Height for rows of names; otherwise a proportion of the width, unless the study gives another width.
 fn plot_height(chart: &Chart, width: f64) -> f64 {
     let rows = chart.panels.iter().map(|panel| panel.y.categories.len()).max();
     match rows {
@@ -208,7 +208,7 @@ fn plot_height(chart: &Chart, width: f64) -> f64 {
 
 fn usual_height(chart: &Chart) -> f64 {
     match chart.columns {
-        // About square, since both axes are alike.
+        // About square, since both axes have the same role.
         columns if is_filled(chart) => {
             if columns > 2 {
                 122.0
@@ -338,7 +338,7 @@ fn vertical_range(panels: &[&Panel]) -> Range {
         scale.log,
         padding,
     );
-    // Bars stand on the axis: no room between zero and its end.
+    // Bars stand on the axis: there is no room between zero and its end.
     if scale.includes.contains(&0.0) {
         let values = || shapes().flat_map(Shape::heights);
         if values().all(|value| value >= 0.0) {

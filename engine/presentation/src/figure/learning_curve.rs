@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 use statistics::{Summary, common_steps};
 use std::path::Path;
 
-/// A metric against training steps: as it was measured while agents learned, or as they recorded it themselves, such as
+/// A metric against training steps, either measured while agents learned or recorded by the agents themselves, such as
 /// a loss.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -36,20 +36,20 @@ pub struct LearningCurve {
     /// Whether each seed is drawn as a thin line: `true`, `false`, or `auto` for panels in which an agent has
     /// at most five.
     pub seeds: SeedLines,
-    /// Which agents, in this order; all where empty. Agents that do not learn have short dashes.
+    /// Agents to show, in this order; all where empty. Agents that do not learn have short dashes.
     pub agents: Vec<String>,
-    /// Which environments, one panel each; all where empty.
+    /// Environments to show, one panel each; all where empty.
     pub environments: Vec<String>,
     /// Curves of publications, which are dotted.
     pub published: Vec<PublishedCurve>,
     /// Vertical axis on a logarithmic scale.
     pub log_y: bool,
-    /// Weight of the past in a moving average y' = smooth y' + (1 - smooth) y along the curve of each seed,
-    /// for drawing only; line and band are those of the averages.
+    /// Weight of the past in a moving average y' = smooth y' + (1 - smooth) y along the curve of each seed, for drawing
+    /// only; line and band are computed from the averages.
     #[schemars(range(min = 0.0, max = 0.999))]
     pub smooth: f64,
-    /// Measurements before this step are left out, of the moving average too: what an untrained agent does
-    /// may dwarf the rest.
+    /// Measurements before this step are left out, also from the moving average: the values of an untrained agent may
+    /// dwarf the rest.
     pub from_step: u64,
 }
 
@@ -86,9 +86,9 @@ pub enum Line {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Band {
-    /// The interval, but no band in panels where seeds are drawn because they are few.
+    /// The interval, or no band in panels where seeds are drawn because they are few.
     Auto,
-    /// 95 % interval of what the line shows: Student-t of a mean, percentile bootstrap of a median or
+    /// 95 % interval of the statistic of the line: Student-t of a mean, percentile bootstrap of a median or
     /// interquartile mean.
     Interval,
     /// One standard deviation to each side, which may leave the range of possible values.
@@ -103,7 +103,7 @@ pub enum Band {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum SeedLines {
-    /// As the study says.
+    /// As the study states.
     Said(bool),
     /// As the number of seeds suggests.
     Chosen(Automatic),
@@ -190,7 +190,7 @@ fn build(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>) -> Resul
 fn panel(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>, scope: &Scope<'_>) -> Vec<Series> {
     let agents = scope.names(Axis::Agent, &kind.agents);
     let is_swept = |agent: &&String| scope.at(Axis::Agent, agent).varies(Axis::Setting);
-    // Settings of one swept agent lie on a scale of colours. Settings of several agents differ in dashes, so that
+    // Settings of a single swept agent lie on a scale of colours. Settings of several agents differ in dashes, so that
     // agents keep their colours.
     let alone = agents.iter().filter(is_swept).count() == 1;
     let of_agent = |agent: &String| {
@@ -271,7 +271,7 @@ impl SeedCurves {
         let (values, lines): (Vec<common_steps::StepSeries>, Vec<RunLine>) =
             runs.filter_map(with_values).unzip();
         let seeds = (values.len(), self.seeds.1);
-        // The line of a single seed is that seed. Runs are kept where they go on after their line ends.
+        // The line of a single seed is that seed. Runs are kept if they continue after their line ends.
         let asked = shown.runs || kind.seeds == SeedLines::Chosen(Automatic::Auto) && are_uneven(&values);
         let thin = asked && values.len() > 1;
         let (drawn, undrawn) = if thin {
@@ -299,7 +299,7 @@ impl SeedCurves {
     }
 }
 
-/// The measurements of each seed but the final one, with the id of its trial.
+/// The measurements of each seed except the final one, with the id of its trial.
 fn runs(scope: &Scope<'_>, metric: &str) -> Vec<(String, CurveRun)> {
     let run = |trial: &&TrialResult| {
         let points = trial.while_learning(metric);

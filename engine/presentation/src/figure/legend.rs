@@ -38,8 +38,8 @@ pub(super) fn draw(chart: &Chart, width: f64, marks: &mut Vec<Mark>) -> f64 {
     }
 }
 
-/// One entry per name and look, and one for all lines that are grey in a crowded chart. Where panels differ in the
-/// number of seeds, the entry has the range.
+/// One entry per name and look, and one for all lines that are grey in a crowded chart. If panels differ in the number
+/// of seeds, the entry has the range.
 pub(super) fn entries(chart: &Chart) -> Vec<(&Series, String)> {
     let mut groups: Vec<Vec<&Series>> = Vec::new();
     for series in chart
@@ -68,7 +68,7 @@ pub(super) fn entries(chart: &Chart) -> Vec<(&Series, String)> {
         .collect()
 }
 
-/// One of the grey lines, with the number of their names; `None` where no line is grey.
+/// One of the grey lines, with the number of their names; `None` if no line is grey.
 fn others(chart: &Chart) -> Option<(&Series, String)> {
     let series = chart.panels.iter().flat_map(|panel| &panel.series);
     let others: Vec<&Series> = series.filter(|series| series.is_other()).collect();
@@ -77,7 +77,7 @@ fn others(chart: &Chart) -> Option<(&Series, String)> {
     Some((first, format!("{} others", names.len())))
 }
 
-/// The first line of a group; a reference only where the group has no line, so that the sample shows the dash.
+/// The first line of a group, or a reference if the group has no line, so that the sample shows the dash.
 fn first_line<'a>(group: &[&'a Series]) -> &'a Series {
     group
         .iter()

@@ -1,7 +1,7 @@
 //! Letters of the bundled font, and replacements for letters that it lacks.
 //!
-//! A reader of an SVG file may have another font with them, so texts stay as they are there. In PNG and PDF files a
-//! replacement character stands for each missing letter. Letters that are never drawn are left out.
+//! SVG files keep their texts, since a reader of such a file may have another font with these letters. In PNG and PDF
+//! files a replacement character stands for each missing letter. Letters that are never drawn are left out.
 
 use super::{
     chart::Chart,
@@ -13,7 +13,7 @@ use ttf_parser::Face;
 
 /// Replacement for a letter that the font lacks.
 const REPLACEMENT: char = '\u{fffd}';
-/// The most letters that a sentence names; more are counted.
+/// Largest number of letters that a sentence names; further ones are only counted.
 const MOST_NAMED: usize = 8;
 
 /// Whether the font can draw a letter.
@@ -45,7 +45,7 @@ pub(super) fn drawable(text: &str) -> Cow<'_, str> {
         .collect()
 }
 
-/// A sentence on the letters of a figure that the font lacks; `None` where it has all.
+/// A sentence on the letters of a figure that the font lacks; `None` if it has all.
 #[must_use]
 pub fn lacking(chart: &Chart) -> Option<String> {
     let mut texts: BTreeMap<String, Vec<char>> = BTreeMap::new();

@@ -105,21 +105,21 @@ pub trait Figure: KindOptions {
     /// Checks every name in it against the names that trials record.
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>);
 
-    /// Names that it prints beside those of metrics, channels, agents, environments and settings: `labels` may replace
-    /// them, too.
+    /// Names that it prints besides those of metrics, channels, agents, environments and settings; `labels` may replace
+    /// them too.
     fn further_names(&self, _: &Vocabulary) -> Vec<String> {
         Vec::new()
     }
 
-    /// Resolves the files that it names against the folder of the study.
+    /// Resolves the files that it names relative to the folder of the study.
     fn seek_from(&mut self, _folder: &Path) {}
 
-    /// The metric whose course `watch` shows for it; `None` where it shows something else.
+    /// The metric whose course `watch` shows for it; `None` if it shows something else.
     fn followed_metric(&self) -> Option<&str> {
         None
     }
 
-    /// Kind of artifact that it shows; `None` where it shows recorded metrics.
+    /// Kind of artifact that it shows; `None` if it shows recorded metrics.
     fn shows(&self) -> Option<ArtifactKind> {
         None
     }
@@ -133,7 +133,7 @@ pub trait Figure: KindOptions {
     /// Computes its panels.
     ///
     /// # Errors
-    /// [`Error::Render`] where the results lack the values that it shows.
+    /// [`Error::Render`] if the results lack the values that it shows.
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error>;
 }
 
@@ -164,13 +164,13 @@ pub struct FigureSpec {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 30.0, max = 500.0))]
     pub width_mm: Option<f64>,
-    /// Size of all text in points, whatever the width; 7.5 where absent.
+    /// Size of all text in points, independent of the width; 7.5 where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 4.0, max = 24.0))]
     pub font_pt: Option<f64>,
 }
 
-/// The kind of a figure whose options are not read yet; its reader puts them in.
+/// The kind of a figure whose options are not read yet; its reader fills them in.
 fn unread() -> Chosen<dyn Figure> {
     Chosen::of::<LearningCurve>(Arc::new(LearningCurve::default()))
 }
@@ -219,7 +219,7 @@ pub fn is_wide(chart: &Chart) -> bool {
 /// A chart as an SVG file, sized in millimetres for one or two columns of a paper.
 ///
 /// # Errors
-/// [`Error::Render`] where the drawing is refused.
+/// [`Error::Render`] if the drawing is refused.
 pub fn svg(chart: &Chart) -> Result<String, Error> {
     // A width from the study is kept to a hundredth of a millimetre.
     let decimals = if chart.paper.width_mm.is_some() { 2 } else { 1 };
@@ -229,7 +229,7 @@ pub fn svg(chart: &Chart) -> Result<String, Error> {
 /// Writes a chart as a PNG file of 288 pixels per inch; the path must end in `.png`.
 ///
 /// # Errors
-/// [`Error::Render`] where the drawing is refused or the file cannot be written.
+/// [`Error::Render`] if the drawing is refused or the file cannot be written.
 pub fn png(chart: &Chart, path: &Path) -> Result<(), Error> {
     paint::png(&layout::draw(chart), path)
 }

@@ -1,5 +1,5 @@
-//! Colours of a drawing on a dark page. The drawing itself stays as it is: the page's style sheet names the colours
-//! in the SVG and a replacement for each.
+//! Colours of a drawing on a dark page. The drawing itself does not change: the page's style sheet names the colours in
+//! the SVG and a replacement for each.
 
 use super::{
     axes::{AXIS_WIDTH, TEXT},
@@ -10,16 +10,16 @@ use super::{
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The paper of a dark page, as its style sheet has it.
+/// The paper colour of a dark page, as in its style sheet.
 pub(super) const DARK_PAPER: Rgb = (0x16, 0x18, 0x1b);
 const WHITE: Rgb = (0xff, 0xff, 0xff);
-/// Colour of black agents on dark paper, as light as text is there.
+/// Replacement for black agents on dark paper, as light as text is there.
 const PALE: Rgb = (0xe6, 0xe7, 0xe9);
 /// Least contrast of a line with its paper, as the ratio that WCAG 2.1 defines.
 const CONTRAST: f64 = 4.5;
 
-/// Ground under the marks of a chart, which decides the changes on a dark page; a chart has the last ground of
-/// its series in this order.
+/// Ground under the marks of a chart, which decides the changes on a dark page. The ground of a chart is the last, in
+/// this order, of its series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ground {
@@ -88,7 +88,7 @@ impl Shades {
     }
 }
 
-/// Rules of a style sheet for dark pages with charts of these shades inside `figure` elements; empty where no colour
+/// Rules of a style sheet for dark pages with charts of these shades inside `figure` elements; empty if no colour
 /// changes.
 #[must_use]
 pub fn on_dark(charts: &[Shades]) -> String {
@@ -159,7 +159,7 @@ impl Style {
     }
 }
 
-/// The colour with as much white as it needs.
+/// The colour mixed with as much white as it needs.
 fn lightened(color: Rgb) -> Rgb {
     (0..=20)
         .map(|step| blend(color, WHITE, f64::from(step) / 20.0))

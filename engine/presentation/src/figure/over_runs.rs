@@ -1,4 +1,4 @@
-//! From the runs of a learning curve to its line and its band.
+//! Computes the line and the band of a learning curve from its runs.
 
 use super::{Automatic, Band, LearningCurve, Line, SeedLines, chart::Point};
 use statistics::{
@@ -8,8 +8,9 @@ use statistics::{
     thinning,
 };
 
-/// The most seeds that count as few. All of them can be seen, and their smallest and largest value do not enclose the
-/// mean often enough to cut an interval there. For `n` seeds of a symmetric distribution they do with probability `1
+/// Largest number of seeds that counts as few. All of them can be seen, and the range from their smallest to their
+/// largest value does not contain the mean often enough to cut an interval there. For `n` seeds of a symmetric
+/// distribution it contains the mean with probability `1
 /// - 2^(1 - n)`: 94 % of the time with five, 97 % with six.
 pub(super) const FEW: usize = 5;
 
@@ -21,7 +22,7 @@ pub(super) struct RunDisplay {
 }
 
 impl RunDisplay {
-    /// Display that a study asks for, in a panel where an agent has few seeds or none has.
+    /// Display that a study asks for, in a panel where some agent has few seeds or no agent has.
     pub(super) fn of(kind: &LearningCurve, few: bool) -> Self {
         let runs = match kind.seeds {
             SeedLines::Said(said) => said,
@@ -70,7 +71,7 @@ pub(super) fn over(runs: &[StepSeries], line: Line, band: Band) -> Vec<Point> {
     points
 }
 
-/// The statistic of the line over the last values of runs; `None` where all runs end where the line does.
+/// The statistic of the line over the last values of runs; `None` if all runs end with the line.
 pub(super) fn at_the_ends(runs: &[StepSeries], line: Line) -> Option<f64> {
     let slices: Vec<&[(u64, f64)]> = runs.iter().map(Vec::as_slice).collect();
     let end = shared_stretch(&slices).map(|(_, end)| end);
@@ -115,7 +116,7 @@ fn middle(values: &[f64], line: Line) -> f64 {
 fn point(step: u64, values: &[f64], line: Line, band: Band) -> Point {
     let y = middle(values, line);
     let ends = (values.len() > 1).then(|| ends(values, y, line, band)).flatten();
-    // The line is part of its band, after rounding too.
+    // The line lies in its band, even after rounding.
     Point {
         x: place(step),
         y,
@@ -134,10 +135,10 @@ fn ends(values: &[f64], y: f64, line: Line, band: Band) -> Option<(f64, f64)> {
     }
 }
 
-/// The Student-t interval, as in tables. Percentiles of a bootstrap of the mean are too narrow for few seeds: with
-/// six normal ones they cover 87 % instead of 95 %. The Student-t interval is not, but may reach beyond any possible
-/// value where seeds differ much. So from six seeds on it ends at the smallest and the largest of them. That lowers
-/// the coverage by half a percent with six normal seeds, and by less with more.
+/// The Student-t interval, as in tables. Percentiles of a bootstrap of the mean are too narrow for few seeds: with six
+/// normal ones they cover 87 % instead of 95 %. The Student-t interval is not, but may exceed every possible value if
+/// seeds differ much. Therefore, from six seeds on, it ends at the smallest and the largest of them. That lowers the
+/// coverage by half a percent with six normal seeds, and by less with more.
 fn mean_interval(values: &[f64]) -> Option<(f64, f64)> {
     let interval = MeanEstimate::of(values).interval(0.95)?;
     let (smallest, largest) = range(values);
@@ -197,7 +198,7 @@ mod tests {
     #[test]
     fn intervals_of_six_seeds_end_at_the_seeds() {
         let interval = |values: &[f64]| point(0, values, Line::Mean, Band::Interval).interval.unwrap();
-        // Five seeds reach the most that is possible, one fails.
+        // Five seeds reach the largest possible value, one fails.
         let (low, high) = interval(&[10.0, 10.0, 10.0, 10.0, 10.0, 0.0]);
         assert!(high == 10.0 && (low - 4.049).abs() < 1e-3, "{low}");
         assert!(

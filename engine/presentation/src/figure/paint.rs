@@ -1,4 +1,4 @@
-//! Paints marks with plotters, as SVG or PNG, with the bundled font. No window, no font of the system, no
+//! Paints marks with plotters, as SVG or PNG, with the bundled font. Uses no window, no font of the system and no
 //! clock.
 
 use super::{letters::drawable, style::Rgb};
@@ -82,7 +82,7 @@ pub(super) enum Mark {
         upright: bool,
         color: Rgb,
     },
-    /// A square image whose pixels stay squares. Images lie over all other marks.
+    /// A square image whose pixels stay squares. Images are painted over all other marks.
     Image {
         corner: Position,
         side: f64,
@@ -130,7 +130,7 @@ impl Extent {
 }
 
 impl Mark {
-    /// An area that hides what lies below it.
+    /// An area that hides the marks below it.
     pub(super) fn area(points: Vec<Position>, color: Rgb) -> Self {
         Self::Fill {
             points,
@@ -301,7 +301,7 @@ fn shrink(fine: &[u8], width: usize, height: usize) -> Vec<u8> {
         .collect()
 }
 
-/// Copies an image into the pixels of a PNG file, `[height, width, 3]`, so that each pixel of it becomes a rectangle
+/// Copies an image into the pixels of a PNG file, `[height, width, 3]`, so that each of its pixels becomes a rectangle
 /// of one colour. Does nothing for other marks.
 fn paste(mark: &Mark, pixels: &mut [u8], (width, height): (usize, usize)) {
     let Mark::Image { corner, side, image } = mark else {
@@ -325,8 +325,8 @@ struct Pen {
     scale: f64,
     size_per_em: f64,
     raise: f64,
-    /// Whether this is the rasteriser. It spoils long thick lines at sharp corners, so there each segment is a line
-    /// of its own, and it has only the bundled font.
+    /// Whether this is the rasteriser. It spoils long thick lines at sharp corners, so there each segment is drawn as
+    /// its own line. It has only the bundled font.
     rasters: bool,
 }
 
@@ -463,8 +463,8 @@ fn load_font() {
     });
 }
 
-/// Error for the file of an image that was not written. The backend's error has the reason in its debugging text
-/// alone, with the words of the system in quotes.
+/// Error for the file of an image that was not written. The backend's error has the reason only in its debug text, with
+/// the system's message in quotes.
 fn refused(error: impl std::fmt::Display) -> Error {
     Error::Render {
         what: "figure".into(),

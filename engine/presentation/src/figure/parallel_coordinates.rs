@@ -27,7 +27,7 @@ const TICKS: usize = 5;
 pub struct ParallelCoordinates {
     /// The search.
     pub search: String,
-    /// How many of the best settings are drawn; all where absent.
+    /// Number of the best settings that are drawn; all where absent.
     #[serde(default)]
     #[schemars(range(min = 1))]
     pub best: Option<usize>,

@@ -1,5 +1,5 @@
-//! Figures as PDF files, converted from the SVG file: the same drawing, with its font embedded and no pixels
-//! where the SVG file has none.
+//! Figures as PDF files, converted from the SVG file: the same drawing, with its font embedded and without pixels
+//! unless the SVG file has some.
 
 use super::{letters::drawable, paint::FONT};
 use contract::Error;
@@ -9,14 +9,14 @@ use svg2pdf::{
     usvg::{Options, Tree, fontdb},
 };
 
-/// Points per inch of the page, so that SVG lengths in points stay.
+/// Points per inch of the page, so that SVG lengths in points do not change.
 const POINTS_PER_INCH: f32 = 72.0;
 
 /// Converts an SVG file of a figure into a PDF file of one page with the size of the figure. The same file gives the
-/// same bytes. Letters that the font lacks are read as U+FFFD: all have one glyph, which the file can name but once.
+/// same bytes. Letters that the font lacks are read as U+FFFD: all have one glyph, which the file can name only once.
 ///
 /// # Errors
-/// [`Error::Render`] where the drawing is refused.
+/// [`Error::Render`] if the drawing is refused.
 pub fn pdf(svg: &str) -> Result<Vec<u8>, Error> {
     let mut fonts = fontdb::Database::new();
     fonts.load_font_data(FONT.to_vec());
@@ -33,7 +33,7 @@ pub fn pdf(svg: &str) -> Result<Vec<u8>, Error> {
 }
 
 /// Sorts the entries in dictionaries of resources, which come in the order of a hash map. No object moves or changes
-/// its length, so the table of places stays right.
+/// its length, so the cross-reference table stays valid.
 fn in_order(mut pdf: Vec<u8>) -> Vec<u8> {
     let lines: Vec<std::ops::Range<usize>> = lines(&pdf);
     let groups =
@@ -163,7 +163,7 @@ mod tests {
                 };
                 let [width, _] = size(&page_of(&chart));
                 assert!((width - width_mm * POINTS_PER_MM).abs() < 0.02, "{name}: {width}");
-                // A graph has text of several sizes, and is drawn smaller as a whole where it has no room.
+                // A graph has text of several sizes, and is scaled down as a whole if the room is too small.
                 let is_graph = matches!(chart.panels[0].series[0].shape, Shape::Graph(_));
                 let marks = layout::draw(&chart).marks;
                 let sizes = marks.iter().filter_map(|mark| match mark {

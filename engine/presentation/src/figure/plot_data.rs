@@ -8,10 +8,11 @@ use super::{
 };
 use serde_json::{Map, Value, json};
 
-/// The most points of a line. Longer lines are thinned; the smallest and the largest value of each stretch stay.
+/// Largest number of points of a line. Longer lines are thinned, keeping the smallest and the largest value of each
+/// stretch.
 const MOST: usize = 400;
 
-/// The panels of a chart that shows nothing but lines with runs, and references; `None` for any other chart.
+/// The panels of a chart that shows only lines with runs, and references; `None` for any other chart.
 #[must_use]
 pub fn plot_data(chart: &Chart) -> Option<Value> {
     let mut all = chart.panels.iter().flat_map(|panel| &panel.series);
@@ -62,7 +63,7 @@ pub(super) fn line(points: &[Point], log: bool) -> Map<String, Value> {
     data
 }
 
-/// A run, which has steps of its own only where they differ from those of the line.
+/// A run; it has steps of its own only if they differ from those of the line.
 pub(super) fn run(run: &RunLine, steps: &Value, log: bool) -> Value {
     let points = thinned(&run.points);
     let x = numbers(points.iter().map(|point| point.x));
@@ -75,7 +76,7 @@ pub(super) fn run(run: &RunLine, steps: &Value, log: bool) -> Value {
     data
 }
 
-/// The points; of too many points the lowest and the highest of each stretch, in their order, with both ends.
+/// The points; too many are reduced to the lowest and the highest of each stretch, in order, with both ends.
 fn thinned(points: &[Point]) -> Vec<Point> {
     if points.len() <= MOST {
         return points.to_vec();
@@ -97,7 +98,7 @@ fn thinned(points: &[Point]) -> Vec<Point> {
     first.into_iter().chain(inner).chain(last.copied()).collect()
 }
 
-/// The vertical values, without those that a logarithmic axis has no place for.
+/// The vertical values, without those that have no place on a logarithmic axis.
 fn heights(points: &[Point], log: bool) -> Value {
     let height = |point: &Point| if log && point.y <= 0.0 { f64::NAN } else { point.y };
     numbers(points.iter().map(height))

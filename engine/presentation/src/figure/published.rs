@@ -11,8 +11,8 @@ use analysis::published_curve::{self, PublishedCurve};
 use contract::Error;
 use statistics::common_steps::StepSeries;
 
-/// The published curves of an environment up to `end`. Logs may go on long after the study ended, and would squeeze
-/// its own curves to a strip at the edge.
+/// The published curves of an environment up to `end`. Logs may continue long after the study ended, and would squeeze
+/// its own curves into a strip at the edge.
 pub(super) fn series(
     kind: &LearningCurve,
     context: Context<'_>,
@@ -53,7 +53,7 @@ fn style(kind: &LearningCurve, index: usize, context: Context<'_>) -> Style {
     Style { hue, variant }
 }
 
-/// A curve with its runs; `None` where it begins after the end.
+/// A curve with its runs; `None` if it begins after the end.
 fn one(
     kind: &LearningCurve,
     curve: &PublishedCurve,

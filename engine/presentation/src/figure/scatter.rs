@@ -23,9 +23,9 @@ pub struct Scatter {
     pub x: String,
     /// The metric on the vertical axis.
     pub y: String,
-    /// Which agents; all where empty.
+    /// Agents to show; all where empty.
     pub agents: Vec<String>,
-    /// Which environments, one panel each; all where empty.
+    /// Environments to show, one panel each; all where empty.
     pub environments: Vec<String>,
 }
 

@@ -19,7 +19,7 @@ impl<'a> CompletedSettings<'a> {
     /// The completed settings of the search with this name.
     ///
     /// # Errors
-    /// [`Error::Render`] where there is no such search, or no setting was completed.
+    /// [`Error::Render`] if there is no such search, or no setting was completed.
     pub(super) fn of(name: &str, context: Context<'a>) -> Result<Self, Error> {
         let all = &context.results.searches;
         let result = all
@@ -50,7 +50,7 @@ impl<'a> CompletedSettings<'a> {
         Ok(searched)
     }
 
-    /// The keys by their last words, or in full where last words are not unique.
+    /// The keys by their last words, or in full if last words are not unique.
     pub(super) fn keys(&self) -> Vec<&'a str> {
         let all: Vec<&str> = self
             .result

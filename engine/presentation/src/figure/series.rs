@@ -27,8 +27,8 @@ pub(super) fn draw(panel: &Panel, frame: &Frame, colors: Option<Range>, marks: &
     marks.extend(named.iter().flat_map(one));
 }
 
-/// The thin lines of runs, thinner where there are many. Runs are drawn in turns, one of each series after the other,
-/// so that no series covers another with all its runs.
+/// The thin lines of runs, thinner if there are many. Runs are drawn in turns, one of each series after the other, so
+/// that no series covers another with all its runs.
 fn runs(all: &[&Series], frame: &Frame, marks: &mut Vec<Mark>) {
     let counts = all.iter().map(|series| series.shape.runs().len());
     let most = counts.max().unwrap_or(0);
@@ -50,7 +50,7 @@ fn runs(all: &[&Series], frame: &Frame, marks: &mut Vec<Mark>) {
     }
 }
 
-/// A light rim that parts a line from thin lines of nearly its colour.
+/// A light rim that separates a line from thin lines of nearly the same colour.
 fn rim(places: Vec<Position>) -> Mark {
     Mark::Line {
         points: places,

@@ -19,8 +19,8 @@ pub(super) fn places(points: &[Point], frame: &Frame) -> Vec<Position> {
     pieces(points, frame).concat()
 }
 
-/// The positions of a line in pieces, cut at points without a place on the axes. Lines of very many points are
-/// thinned to those that can be told apart.
+/// The positions of a line in pieces, cut at points without a place on the axes. Lines of very many points are thinned
+/// to those that can be distinguished.
 pub(super) fn pieces(points: &[Point], frame: &Frame) -> Vec<Vec<Position>> {
     /// Width of the columns of a thinned line, in points: less than that of any line.
     const COLUMN: f64 = 0.5;
@@ -42,7 +42,7 @@ pub(super) fn pieces(points: &[Point], frame: &Frame) -> Vec<Vec<Position>> {
         .collect()
 }
 
-/// Lines through points, cut where one has no place on the axes.
+/// Lines through points, cut at points without a place on the axes.
 pub(super) fn through(
     points: &[Point],
     frame: &Frame,

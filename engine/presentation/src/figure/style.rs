@@ -10,8 +10,8 @@ pub const INK: Rgb = (0x22, 0x22, 0x22);
 /// Colour of grid lines.
 pub const FAINT: Rgb = (0xe2, 0xe2, 0xe2);
 
-/// Palette by Okabe and Ito, "Color Universal Design" (2008), told apart with any kind of colour vision. Their yellow
-/// is too light for a line on white paper and stands last.
+/// Palette by Okabe and Ito, "Color Universal Design" (2008), whose colours can be distinguished with any kind of
+/// colour vision. Their yellow is too light for a line on white paper and comes last.
 const PALETTE: [Rgb; 8] = [
     (0x00, 0x72, 0xb2),
     (0xd5, 0x5e, 0x00),

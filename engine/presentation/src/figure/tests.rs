@@ -269,7 +269,7 @@ fn all(dir: &Path) -> Vec<(&'static str, Chart)> {
     all
 }
 
-/// Whether a number in an SVG file is not one; the pixels of an image are letters, which may spell `NaN`.
+/// Whether a number in an SVG file is NaN; the pixels of an image are letters, which may spell `NaN`.
 pub(super) fn has_nan(svg: &str) -> bool {
     ["\"NaN", " NaN", ",NaN", ">NaN"]
         .iter()

@@ -41,9 +41,9 @@ pub fn linear(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
 }
 
 /// Ticks of a logarithmic axis between two positive numbers: powers of ten with text, and 2 to 9 between them. The
-/// ticks at 2 and 5 have text where few powers are in range, and all of them where two texts would still be missing.
-/// An axis with fewer than two such ticks has round steps. Where many powers are in range there are no ticks between
-/// them, and where they are very many only those with text have ticks.
+/// ticks at 2 and 5 have text if few powers are in range, and all of them do if two texts would still be missing. An
+/// axis with fewer than two such ticks has round steps. If many powers are in range, there are no ticks between them;
+/// if very many are, only those with text have ticks.
 #[must_use]
 pub fn logarithmic(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
     const EVERY_DIGIT: [i32; 9] = [1, 2, 3, 4, 5, 6, 7, 8, 9];
@@ -59,7 +59,7 @@ pub fn logarithmic(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
         .unwrap_or_else(|| linear(low, high, wanted.max(FEWEST_STEPS)))
 }
 
-/// Number of powers of ten from one text to the next: a round number where it is large.
+/// Number of powers of ten from one text to the next, rounded if it is large.
 fn round_skip(skip: i32) -> i32 {
     const ROUND: [i32; 6] = [10, 20, 50, 100, 200, 500];
     if skip < ROUND[0] {
@@ -81,8 +81,8 @@ const MOST_DIVIDED: i32 = 20;
 /// Number of powers of ten beyond which only those with text have ticks.
 const MOST_POWERS: i32 = 60;
 
-/// Ticks at the digits of each power of ten, with text at every `skip`th power, and at the `named` digits where few
-/// powers are in range.
+/// Ticks at the digits of each power of ten, with text at every `skip`th power, and at the `named` digits if few powers
+/// are in range.
 fn of_decades(low: f64, high: f64, skip: i32, named: &[i32]) -> Vec<Tick> {
     let (first, last) = (exponent(low), exponent(high));
     let digits = if last - first > MOST_DIVIDED { 1 } else { 9 };
@@ -106,7 +106,7 @@ fn of_decades(low: f64, high: f64, skip: i32, named: &[i32]) -> Vec<Tick> {
         .collect()
 }
 
-/// A power of ten; also the smallest ones, whose inverse is no finite number.
+/// A power of ten; includes the smallest ones, whose inverse is no finite number.
 fn power_of_ten(exponent: i32) -> f64 {
     if exponent < -300 {
         10f64.powf(f64::from(exponent))
@@ -151,7 +151,7 @@ fn scientific(value: f64, step: f64, largest: f64) -> String {
     format!("{}×10{power}", minus(&fixed(value / unit, step / unit)))
 }
 
-/// The most decimal places of a tick.
+/// Largest number of decimal places of a tick.
 const MOST_DECIMALS: i32 = 15;
 
 fn fixed(value: f64, step: f64) -> String {

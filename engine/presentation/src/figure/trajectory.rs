@@ -20,20 +20,20 @@ use std::collections::BTreeMap;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Trajectory {
-    /// Trace channels to draw; a word without a number (`voltage`) stands for all channels `voltage_1`,
-    /// `voltage_2`, ... One row of panels each.
+    /// Trace channels to draw; a word without a number (`voltage`) stands for all channels `voltage_1`, `voltage_2`,
+    /// ... Each channel has a row of panels.
     pub channels: Vec<String>,
     /// Trace channels that are drawn behind `channels`, wide and grey: the first behind the first, and so on.
     pub references: Vec<String>,
-    /// Which agents, one column of panels each.
+    /// Agents to show, one column of panels each.
     pub agents: Vec<String>,
-    /// Which environment; the first where absent.
+    /// Environment to show; the first where absent.
     pub environment: Option<String>,
-    /// Which seed; the first where absent.
+    /// Seed to show; the first where absent.
     pub seed: Option<u64>,
-    /// Which recorded episode, from 0.
+    /// Number of the recorded episode, from 0.
     pub episode: u64,
-    /// How many episodes from there are drawn one after the other; one where absent.
+    /// Number of episodes from there that are drawn one after the other; one where absent.
     #[schemars(range(min = 1, max = 1000))]
     pub episodes: Option<u64>,
     /// The first and the last step that are drawn, counted over all drawn episodes; all where absent.
@@ -77,7 +77,7 @@ impl Figure for Trajectory {
     }
 }
 
-/// Panels of one episode; all of a row share the vertical axis, all the horizontal one.
+/// Panels of one episode. Panels of a row share the vertical axis; all panels share the horizontal one.
 fn build(kind: &Trajectory, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let trials = trials(kind, context);
     let has_trace = |trial: &&TrialResult| {
@@ -197,7 +197,7 @@ fn panel(
     }
 }
 
-/// A reference channel as grey lines. All of them look alike, so the legend has the words that their names share.
+/// A reference channel as grey lines. All of them look alike, so the legend shows the words that their names share.
 fn behind(kind: &Trajectory, spec: &FigureSpec, channel: &str, trial: &TrialResult) -> Vec<Series> {
     let shared = shared_words(&kind.references);
     let series = |(name, points): (String, Vec<Point>)| Series {
@@ -215,7 +215,7 @@ fn behind(kind: &Trajectory, spec: &FigureSpec, channel: &str, trial: &TrialResu
     lines(kind, trial, channel).into_iter().map(series).collect()
 }
 
-/// The whole words that several names begin with; `None` for one name, and for names that share no word.
+/// The whole words with which several names begin; `None` for one name, and for names that share no word.
 fn shared_words(names: &[String]) -> Option<String> {
     let (first, others) = names.split_first()?;
     let words: Vec<&str> = first.split('_').collect();
@@ -297,7 +297,7 @@ fn threshold(value: f64) -> Series {
     }
 }
 
-/// Gives rows that number the same entities one set of names in the legend: `1`, `2`, ..., where the words before the
+/// Gives rows that number the same entities one set of names in the legend, `1`, `2`, ..., if the words before the
 /// numbers differ.
 fn name_once(panels: &mut [Panel]) {
     let word = |label: &str| label.rsplit_once(' ').map(|(word, _)| word.to_owned());

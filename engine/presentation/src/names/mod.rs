@@ -18,7 +18,7 @@ pub struct Names<'a> {
     /// Names that trials may record.
     pub vocabulary: &'a Vocabulary,
     pub(crate) sources: &'a Sources,
-    /// Rows and columns of the tables by name; none where a table cannot be read.
+    /// Rows and columns of the tables by name; none if a table cannot be read.
     pub(crate) shown: BTreeMap<String, (Vec<String>, Vec<String>)>,
     pub(crate) found: Vec<Diagnostic>,
 }
@@ -35,7 +35,7 @@ impl<'a> Names<'a> {
         }
     }
 
-    /// The search that stands at a place under `search`; a mistake is noted where there is none of this name.
+    /// The search whose name stands under `search`; reports a name that no search has.
     pub fn search(&mut self, name: &str, at: &Place<'_>) -> Option<&'a KnownSearch> {
         let known = &self.vocabulary.searches;
         let found = known.iter().find(|it| it.name == name);
@@ -71,7 +71,7 @@ impl Names<'_> {
         }
     }
 
-    /// Names that traces of these environments hold.
+    /// Names that traces of these environments contain.
     #[must_use]
     pub fn traced(&self, picked: &Picked) -> BTreeSet<String> {
         picked
@@ -97,7 +97,7 @@ impl Names<'_> {
             .collect()
     }
 
-    /// Says where a metric is missing, or is one that no such trial records.
+    /// Reports a missing metric, or one that no such trial records.
     pub fn metric(&mut self, name: &str, place: &Place<'_>, key: &str, picked: &Picked) {
         if name.is_empty() {
             return self.say(
@@ -112,7 +112,7 @@ impl Names<'_> {
         }
     }
 
-    /// Says that no trial records a metric, and lists the recorded ones.
+    /// Reports that no trial records a metric, and lists the recorded ones.
     pub fn unknown_metric(&mut self, name: &str, place: (Span, String), recorded: &BTreeSet<String>) {
         let list = recorded.iter().map(String::as_str).collect::<Vec<_>>();
         let known = list
@@ -161,7 +161,7 @@ impl Names<'_> {
         for agent in agents {
             self.meets(place, &picked, ("agents", "agent", agent));
         }
-        // One remark is enough on agents and environments without common trials.
+        // Agents and environments without common trials need only one message.
         if before == self.found.len() {
             for environment in environments {
                 self.meets(place, &picked, ("environments", "environment", environment));
@@ -170,7 +170,7 @@ impl Names<'_> {
         picked
     }
 
-    /// Says where a named agent or environment has no trial among those that are picked.
+    /// Reports a named agent or environment without a trial among those that are picked.
     fn meets(&mut self, place: &Place<'_>, picked: &Picked, (key, kind, index): (&str, &str, usize)) {
         let vocabulary = self.vocabulary;
         let has_trial = |pair| vocabulary.recorded.contains_key(&pair);
@@ -215,7 +215,7 @@ impl Names<'_> {
         indices
     }
 
-    /// The index of a name among the known ones; says where it is unknown.
+    /// The index of a name among the known ones; reports an unknown name.
     pub fn known(&mut self, item: &Node, kind: &str, known: &[String], at: &str) -> Option<usize> {
         let name = item.as_str()?;
         let index = known.iter().position(|it| it == name);
@@ -249,7 +249,7 @@ impl Names<'_> {
     }
 
     /// Checks that protocols leave the artifacts that a figure shows: the protocol of every named agent, or any
-    /// protocol where no agent is named.
+    /// protocol if no agent is named.
     pub(crate) fn leaves(&mut self, kind: ArtifactKind, place: &Place<'_>, picked: &Picked) {
         let vocabulary = self.vocabulary;
         let what = match kind {

@@ -2,7 +2,7 @@
 
 use document::{Entry, Node, NodeKind, diagnostic::Span};
 
-/// The part of the study that a table or figure takes its values from.
+/// The part of the study from which a table or figure takes its values.
 pub struct Picked {
     /// Indices of agents in the vocabulary.
     pub agents: Vec<usize>,
@@ -11,7 +11,7 @@ pub struct Picked {
 }
 
 impl Picked {
-    /// The same for one environment: the named one, else the first.
+    /// The same for one environment: the named one, or the first.
     pub fn of_one_environment(mut self) -> Self {
         self.environments.truncate(1);
         self
@@ -40,7 +40,7 @@ impl<'a> Place<'a> {
         }
     }
 
-    /// The mapping under a key; `None` where it is not given.
+    /// The mapping under a key; `None` if it is not given.
     #[must_use]
     pub fn below(&self, key: &str) -> Option<Place<'a>> {
         self.node
@@ -58,7 +58,7 @@ impl<'a> Place<'a> {
         self.node.items().iter().enumerate().map(item)
     }
 
-    /// Position of the value under a key; that of the mapping's own key where the key is absent.
+    /// Position of the value under a key, or that of the mapping's own key if the key is absent.
     pub fn value(&self, key: &str) -> (Span, String) {
         let at = format!("{}.{key}", self.at);
         match self.node.entry(key) {

@@ -19,7 +19,7 @@ pub(super) struct Text<'a> {
 }
 
 impl Text<'_> {
-    /// The place of `length` bytes from byte `start`.
+    /// The position of `length` bytes from byte `start`.
     pub(super) fn place(&self, start: usize, length: usize) -> (Span, String) {
         let characters =
             |from: usize, to: usize| self.text.get(from..to).map_or(0, |part| part.chars().count());
@@ -36,7 +36,7 @@ impl Text<'_> {
         )
     }
 
-    /// The place of a word of an operand, `skip` characters behind its start.
+    /// The position of a word of an operand, `skip` characters behind its start.
     fn part_of(&self, operand: &Operand, skip: usize, word: &str) -> (Span, String) {
         let (whole, at) = self.word(&operand.path());
         let span = Span {
@@ -47,7 +47,7 @@ impl Text<'_> {
         (span, at)
     }
 
-    /// The place of a word that the parser found in the text.
+    /// The position of a word that the parser found in the text.
     fn word(&self, word: &str) -> (Span, String) {
         self.place(self.text.find(word).unwrap_or(0), word.len())
     }
@@ -111,7 +111,7 @@ impl Names<'_> {
         Some(spec)
     }
 
-    /// Checks that `min_effect` belongs to a claim of a direction; `within` has a distance of its own.
+    /// Checks that `min_effect` belongs to a claim with a direction; `within` has a distance of its own.
     fn min_effect(&mut self, claim: &Claim, item: &Node, text: &Text<'_>) {
         if let Some(entry) = item
             .entry("min_effect")
@@ -151,7 +151,7 @@ impl Names<'_> {
         index.or(outer)
     }
 
-    /// The environment that the text names after `in`, with its position; says where no environment has this name.
+    /// The environment that the text names after `in`, with its position; reports an unknown name.
     fn environment_named(&mut self, name: &str, text: &Text<'_>) -> (Option<usize>, (Span, String)) {
         let named = format!("in {name}");
         let ends = |at: &usize| !text.text[at + named.len()..].starts_with(claim::is_name_character);
@@ -208,7 +208,7 @@ impl Names<'_> {
         }
     }
 
-    /// Checks claims on success: its share is compared with a number or with another share, without a factor.
+    /// Checks claims on success: a share is compared with a number or another share, without a factor.
     fn shares(&mut self, claim: &Claim, text: &Text<'_>) {
         let sides = [&claim.left, &claim.right];
         let share = |side: &&Quantity| {
@@ -262,7 +262,7 @@ impl Names<'_> {
         }
     }
 
-    /// The first key or value of an operand's setting that no sweep has, with a sentence on it and one of help.
+    /// The first key or value of an operand's setting that no sweep has, with a message and advice.
     fn unknown_setting(&self, operand: &Operand) -> Option<(String, String, String)> {
         let vocabulary = self.vocabulary;
         operand.setting.iter().find_map(|(key, value)| {

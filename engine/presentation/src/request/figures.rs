@@ -10,7 +10,7 @@ use serde_json::{Map, Value};
 use std::path::Path;
 
 impl Names<'_> {
-    /// Reads a figure and checks every name in it; `None` where it has no kind or cannot be read, after a diagnostic.
+    /// Reads a figure and checks every name in it; `None` if it has no kind or cannot be read, after a diagnostic.
     pub(super) fn figure(
         &mut self,
         (keys, entry): (&Map<String, Value>, &Entry),

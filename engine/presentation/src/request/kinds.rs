@@ -53,13 +53,13 @@ pub trait RegisterKinds {
     /// Registers a kind of tables.
     ///
     /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
+    /// If the name is taken: a mistake in the program, found by every test.
     fn table<T: Table + KindSpec>(&mut self);
 
     /// Registers a kind of figures.
     ///
     /// # Panics
-    /// Where the name is taken: a mistake in the program, found by every test.
+    /// If the name is taken: a mistake in the program, found by every test.
     fn figure<F: Figure + KindSpec>(&mut self);
 }
 

@@ -1,5 +1,5 @@
-//! Tables, figures, claims and the sentence against the names that trials record: every metric, agent, environment,
-//! setting, channel and row.
+//! Tables, figures, claims and the summary, checked against the names that trials record: every metric, agent,
+//! environment, setting, channel and row.
 
 mod claims;
 mod figures;
@@ -38,18 +38,17 @@ pub struct RequestText {
     /// The result, in a sentence with placeholders: `{TABLE: ROW}` or `{TABLE: ROW, COLUMN}` for a value, with
     /// `published` or `verdict` after it for these, and `{claim N}` for the verdict on a claim.
     pub summary: Fitting<String>,
-    /// Printed items of the source, or questions, beside what was found: the answers of all studies have a line for
-    /// each.
+    /// Printed items of the source, or questions, beside the findings; the answers of all studies have a line for each.
     pub answers: FittingItems<AnswerText>,
-    /// How long the source trained. Where the trainings here are less than half as long, what differs and what is
-    /// refuted is NOT AT THIS BUDGET.
+    /// Length of the source's training. If trainings here are less than half as long, differing values and refuted
+    /// claims are NOT AT THIS BUDGET.
     pub paper_budget: Fitting<PaperBudget>,
-    /// Agents that do nothing, act at random or by a plain rule. Where no trained agent is better than all of them, no
-    /// claim that compares trained agents is judged: NOT LEARNED.
+    /// Agents that do nothing, act at random or follow a simple rule. If no trained agent is better than all of them,
+    /// no claim that compares trained agents is judged: NOT LEARNED.
     #[schemars(extend("x-kind" = "agent"))]
     pub floors: Fitting<Vec<String>>,
-    /// Which difference matters for claims of a direction without `min_effect`: a share of the range from floor
-    /// to bound.
+    /// The smallest difference that matters for claims of a direction without `min_effect`: a share of the range from
+    /// floor to bound.
     pub relevance: Fitting<Relevance>,
     /// Tables by name.
     #[schemars(with = "BTreeMap<String, TableSpec>", extend("propertyNames" = json!({ "pattern": SLUG })))]
@@ -80,7 +79,7 @@ pub struct Request {
 
 impl Request {
     /// Reads the sections `tables`, `figures`, `claims`, `summary` and `answers`; paths of files are relative to
-    /// `folder`. Entries that the check against the schema refused are passed over.
+    /// `folder`. Entries that the check against the schema refused are skipped.
     #[must_use]
     pub fn read(
         (text, root): (&RequestText, &Node),
@@ -220,8 +219,8 @@ fn unreasoned_share(relevance: &Relevance, node: &Node, sources: &Sources) -> Op
 }
 
 impl Names<'_> {
-    /// Reads the one kind of a table or figure with its options, and the rest of it. Of options that exclude each other
-    /// all but one are removed, so that further mistakes are found too.
+    /// Reads the one kind of a table or figure with its options, and the rest of it. All but one of the options that
+    /// exclude each other are removed, so that further mistakes are found too.
     fn kind<Spec: DeserializeOwned + JsonSchema, T: ?Sized>(
         &mut self,
         keys: &Map<String, Value>,
@@ -251,8 +250,8 @@ impl Names<'_> {
             .map(|spec| (spec, chosen))
     }
 
-    /// Says that a table or figure gives no kind, or several. An unknown key may have been meant as the kind and has
-    /// its own diagnostic.
+    /// Reports a table or figure with no kind or several. An unknown key may have been intended as the kind and has its
+    /// own diagnostic.
     fn not_one_kind<Spec: JsonSchema>(
         &mut self,
         (what, place): (&str, &Place<'_>),
@@ -271,7 +270,7 @@ impl Names<'_> {
         }
     }
 
-    /// Says which options exclude each other, and removes all but one.
+    /// Reports options that exclude each other, and removes all but one.
     fn contradictions(&mut self, kind: &Kind, place: &Place<'_>, value: &mut Value) {
         while let Some(contradiction) = (kind.contradiction)(value) {
             let Some((key, outer)) = contradiction.at.split_last() else {

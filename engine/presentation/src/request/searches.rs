@@ -7,8 +7,8 @@ use crate::{
 };
 
 impl Request {
-    /// Adds the best settings of a search, its progress and its values. Each is added only where the study has no
-    /// such table or figure, and nothing else of that name.
+    /// Adds the best settings of a search, its progress and its values. Each is added only if the study has no such
+    /// table or figure, and its name is free.
     pub(super) fn show_search(&mut self, search: &str) {
         let is_best = |spec: &TableSpec| {
             let best = spec.kind.downcast::<BestSettings>();

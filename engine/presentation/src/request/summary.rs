@@ -1,4 +1,4 @@
-//! The sentences of a study against its tables and claims.
+//! Checks the sentences of a study against its tables and claims.
 
 use super::claims::Text;
 use crate::{
@@ -12,7 +12,7 @@ use document::{
 };
 
 impl Names<'_> {
-    /// Reads a line of the answers; `None` where it cannot be read, after a diagnostic.
+    /// Reads a line of the answers; `None` if it cannot be read, after a diagnostic.
     pub(super) fn answer(
         &mut self,
         text: &AnswerText,
@@ -40,7 +40,7 @@ impl Names<'_> {
         Some(Answer { text, here, by })
     }
 
-    /// Checks every placeholder of the sentence; `None` where it cannot be read, after a diagnostic. `claims` is the
+    /// Checks every placeholder of the sentence; `None` if it cannot be read, after a diagnostic. `claims` is the
     /// number of claims.
     pub(super) fn sentence(
         &mut self,
@@ -117,7 +117,7 @@ impl Names<'_> {
     }
 }
 
-/// The position of a part of a text on one line of the file; that of the whole text where it spans several.
+/// The position of a part of a text on one line of the file, or that of the whole text if it spans several lines.
 fn within(text: &Text<'_>, start: usize, length: usize) -> (Span, String) {
     let characters = text.text.chars().count();
     if [characters, characters + 2].contains(&text.span.length) {

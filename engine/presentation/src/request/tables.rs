@@ -1,4 +1,4 @@
-//! Tables against the names that trials record: their parts, published values, margins.
+//! Checks tables against the names that trials record: their parts, published values and margins.
 
 use crate::{
     kinds::Readable,
@@ -13,7 +13,7 @@ use serde_json::{Map, Value};
 use std::path::Path;
 
 impl Names<'_> {
-    /// Reads a table and checks every name in it; `None` where it has no kind or cannot be read, after a diagnostic.
+    /// Reads a table and checks every name in it; `None` if it has no kind or cannot be read, after a diagnostic.
     pub(super) fn table(
         &mut self,
         (keys, entry): (Option<&Map<String, Value>>, &Entry),
@@ -43,7 +43,7 @@ impl Names<'_> {
         Some(spec)
     }
 
-    /// Checks that values beside published ones are means over seeds, since verdicts are passed on means.
+    /// Checks that values beside published ones are means over seeds, since verdicts are based on means.
     fn of_means(&mut self, spec: &TableSpec, place: &Place<'_>) {
         let (Some(shown), Some(inner)) = (spec.kind.no_means(), place.below("published")) else {
             return;
@@ -248,7 +248,7 @@ impl Names<'_> {
         }
     }
 
-    /// Checks that a spread is one of two runs or more.
+    /// Checks that a spread is that of at least two runs.
     fn spread(&mut self, entry: &PublishedValue, at: &(Span, String)) {
         let Some(sd) = entry.sd else { return };
         if sd.is_nan() || sd < 0.0 {
@@ -264,8 +264,8 @@ impl Names<'_> {
         }
     }
 
-    /// Checks that a published share is a possible one of its number of runs, without a spread of its own, which
-    /// follows from the share.
+    /// Checks that a published share is possible for its number of runs, and has no spread, which would follow from the
+    /// share.
     fn share(&mut self, entry: &PublishedValue, at: (Span, String)) {
         let n = entry.n.unwrap_or(1);
         if entry.sd.is_some() {

@@ -20,11 +20,11 @@ const FRESH: &str = "fresh";
 pub struct BestSettings {
     /// The search.
     pub search: String,
-    /// How many settings are shown.
+    /// Number of settings that are shown.
     #[serde(default = "five")]
     #[schemars(range(min = 1, max = 10_000))]
     pub best: usize,
-    /// Digits after the decimal point; as many as tell values apart where absent.
+    /// Digits after the decimal point; enough to distinguish the values where absent.
     #[serde(default)]
     #[schemars(range(max = 9))]
     pub decimals: Option<usize>,
@@ -132,7 +132,7 @@ impl BestSettings {
     }
 }
 
-/// The format with enough digits to tell the settings apart.
+/// The format with enough digits to distinguish the settings.
 fn fitting(shown: &[&TriedSetting]) -> NumberFormat {
     NumberFormat::fitting(shown.iter().filter_map(|tried| tried.value()))
 }

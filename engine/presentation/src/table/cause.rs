@@ -17,7 +17,7 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// The paragraph about a row; `None` where the study has none for it.
+    /// The paragraph about a row; `None` if the study has none for it.
     #[must_use]
     pub fn of(&self, row: &str) -> Option<&str> {
         let text = match self {
@@ -29,7 +29,7 @@ impl Cause {
 }
 
 impl Grid {
-    /// The cause for a row with a value that differs; `None` where no value differs or the study states no cause.
+    /// The cause for a row with a value that differs; `None` if no value differs or the study gives no cause.
     #[must_use]
     pub fn cause(&self, row: usize) -> Option<&str> {
         let differs = self.cells[row]

@@ -21,10 +21,10 @@ const HEADER: [&str; 13] = [
     "missing",
 ];
 
-/// One line per cell under a header; empty fields where there is no number.
+/// One line per cell under a header; fields without a number are empty.
 ///
 /// # Errors
-/// [`Error::Render`] where the writer refuses, which a buffer in memory does not do.
+/// [`Error::Render`] if the writer refuses, which a buffer in memory does not do.
 pub fn csv(grid: &Grid) -> Result<String, Error> {
     let mut lines = vec![HEADER.map(String::from).to_vec()];
     for (row, cells) in grid.rows.iter().zip(&grid.cells) {
@@ -65,8 +65,8 @@ fn fields(cell: &Cell) -> [String; 10] {
     ]
 }
 
-/// A field as a cell. Text that a spreadsheet would compute has an apostrophe before it and stays text; numbers stay
-/// numbers.
+/// A field as a cell of a spreadsheet. Text that a spreadsheet would compute gets an apostrophe before it and stays
+/// text; numbers stay numbers.
 #[must_use]
 pub fn guarded(field: &str) -> Cow<'_, str> {
     let computed = field.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']);
@@ -81,7 +81,7 @@ pub fn guarded(field: &str) -> Cow<'_, str> {
 /// Lines of fields as comma-separated values, quoted where needed.
 ///
 /// # Errors
-/// [`Error::Render`] where the writer refuses, which a buffer in memory does not do.
+/// [`Error::Render`] if the writer refuses, which a buffer in memory does not do.
 pub fn write<L: AsRef<[String]>>(lines: impl IntoIterator<Item = L>) -> Result<String, Error> {
     let refused = |problem: String| Error::Render {
         what: "comma-separated values".into(),

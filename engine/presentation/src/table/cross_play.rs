@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 /// Heading of the row and the column of means.
 pub const MEAN: &str = "mean";
 
-/// A metric of a play by who played which role.
+/// A metric of a play by the players of two roles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CrossPlayTable {
@@ -30,8 +30,8 @@ pub struct CrossPlayTable {
     pub columns: String,
     /// The metric.
     pub value: String,
-    /// Whether the smallest mean of a cell becomes 0 and the largest 1; agents that were not trained have no
-    /// part in this.
+    /// Whether the smallest mean of a cell becomes 0 and the largest 1; agents that were not trained do not affect the
+    /// scale.
     pub normalise: bool,
     /// Digits after the decimal point.
     #[schemars(range(max = 9))]
@@ -136,7 +136,7 @@ type RoleAssignment<'a> = Vec<(&'a str, &'a str)>;
 /// Computes the matrix. The mean of a row or column is over trained opponents, seed by seed.
 ///
 /// # Errors
-/// [`Error::Render`] where the results know no such play or role.
+/// [`Error::Render`] if the results contain no such play or role.
 fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Error> {
     let encounters = Encounters::of(results, &spec.play);
     let (rows, columns) = (encounters.players(&spec.rows), encounters.players(&spec.columns));
@@ -247,7 +247,7 @@ impl Scale {
         format!("0 stands for {low} and 1 for {high}{when}.")
     }
 
-    /// A sentence on cells of the scale without a value; `None` where all have one.
+    /// A sentence on cells of the scale without a value; `None` if all have one.
     fn lack_in_words(&self) -> Option<String> {
         let Self { n_known, n_cells, .. } = *self;
         (n_known < n_cells).then(|| {
@@ -257,13 +257,13 @@ impl Scale {
         })
     }
 
-    /// A value on the scale; `None` where all cells are alike, or fewer than two have a value.
+    /// A value on the scale; `None` if all cells are equal, or if fewer than two have a value.
     fn apply(&self, value: f64) -> Option<f64> {
         (self.high > self.low).then(|| (value - self.low) / (self.high - self.low))
     }
 }
 
-/// A play's values with the scale that they are shown on.
+/// A play's values with the scale on which they are shown.
 struct Matrix<'a> {
     spec: &'a CrossPlayTable,
     encounters: &'a Encounters<'a>,
@@ -275,8 +275,8 @@ struct Matrix<'a> {
 }
 
 impl<'a> Matrix<'a> {
-    /// With planned looks the ends of the scale are those of the first look, so that later seeds move no earlier
-    /// verdict.
+    /// With planned looks the ends of the scale are those of the first look, so that later seeds do not change an
+    /// earlier verdict.
     fn of(
         spec: &'a CrossPlayTable,
         results: &Results,

@@ -4,10 +4,10 @@ use super::{Cell, FixedReason, Grid, Margin, Reduction, Statistic};
 use document::count::{count, seed_ranges};
 use statistics::{Judgement, Verdict};
 
-/// Display of intervals in the medium.
+/// Display of intervals in the output format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Intervals {
-    /// Brackets after the number; cells with seeds missing have a star.
+    /// Brackets after the number; cells with missing seeds have a star.
     InBrackets,
     /// Half of the width after the number.
     AsHalfWidth,
@@ -17,8 +17,8 @@ pub enum Intervals {
     AsLines,
 }
 
-/// The most seeds with which a percentile bootstrap covers much less than its level: nine of ten times with five,
-/// three of four with three (normal values, median and interquartile mean).
+/// Largest number of seeds with which a percentile bootstrap covers much less than its level: nine of ten times with
+/// five, three of four with three (normal values, median and interquartile mean).
 const FEW: usize = 5;
 
 impl Grid {
@@ -93,7 +93,7 @@ impl Grid {
         }
     }
 
-    /// The rule of the verdicts; `None` where nothing is judged.
+    /// The rule of the verdicts; `None` if nothing is judged.
     fn judging(&self) -> Option<String> {
         let judged = || {
             self.cells
@@ -155,7 +155,7 @@ impl Grid {
         cells.map(|(place, cell)| format!("{place}: {}.", cell.incompleteness()))
     }
 
-    /// Notes that several cells may share: each once, after the places it is about.
+    /// Notes that several cells may share, each once, after the places that it concerns.
     fn grouped(&self, note: impl Fn(&Cell) -> Option<String>) -> Vec<String> {
         let mut groups: Vec<(String, Vec<String>)> = Vec::new();
         for (place, cell) in self.places() {
@@ -207,7 +207,7 @@ fn seed_and_reason(text: &str) -> (Option<u64>, &str) {
     parts.map_or((None, text), |(seed, reason)| (Some(seed), reason))
 }
 
-/// Caution about a value or its verdict; `None` where there is none.
+/// Caution about a value or its verdict; `None` if there is none.
 fn caution(cell: &Cell) -> Option<String> {
     let untrained = cell
         .is_untrained()
@@ -242,7 +242,7 @@ pub fn untrained_in_words<'a>(agents: impl Iterator<Item = &'a str>) -> String {
     )
 }
 
-/// Sentence on a verdict that was seen with so many seeds, without a plan.
+/// Sentence on a verdict that was seen at this number of seeds without a plan.
 pub fn unplanned_look_in_words(seeds: u32) -> String {
     format!("unplanned look: the verdict was seen with {seeds} seeds before, so its level is not held")
 }

@@ -1,4 +1,4 @@
-//! A computed table: numbers with the seeds and trials behind them. Its sentences are made in [`super::footnotes`].
+//! A computed table: numbers with their seeds and trials. [`super::footnotes`] makes its sentences.
 
 use super::{Cause, Direction, Form, LatexLayout, Margin, MissingSeeds, NumberFormat, Statistic};
 use analysis::{results::Results, training_share};
@@ -17,7 +17,7 @@ pub struct Grid {
     pub caption: String,
     /// Quantity in the cells.
     pub quantity: Quantity,
-    /// Unit of the numbers; empty where there is none or it is not known.
+    /// Unit of the numbers; empty if there is none or it is not known.
     pub unit: String,
     /// Reduction of the seeds to one number.
     pub one_number: Reduction,
@@ -35,13 +35,13 @@ pub struct Grid {
     pub margin: Option<Margin>,
     /// Whether the comparison was thought of after results were seen.
     pub exploratory: bool,
-    /// Cause of values that differ; printed where one does.
+    /// Cause of values that differ; printed if one does.
     pub cause: Option<Cause>,
     /// Sentences under the table.
     pub notes: Vec<String>,
-    /// Better direction of each column; `None` in a column where it is unknown, empty where it was not requested.
+    /// Better direction of each column; `None` for a column with an unknown direction, empty if not requested.
     pub better: Vec<Option<Direction>>,
-    /// Typesetting in LaTeX, where the study states it.
+    /// Typesetting in LaTeX, if the study states it.
     pub latex: Option<LatexLayout>,
 }
 
@@ -50,7 +50,7 @@ pub struct Grid {
 pub struct Quantity {
     /// Phrase for the quantity of one agent.
     pub value: String,
-    /// Form of values relative to an agent, and the agent's name; `None` for values that stand alone.
+    /// Form of values relative to an agent, and the agent's name; `None` for values that are not relative.
     pub relative: Option<(Form, String)>,
 }
 
@@ -101,7 +101,7 @@ pub enum Reduction {
 }
 
 impl Reduction {
-    /// Name of the reduction in words.
+    /// Name of the reduction as text.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -119,7 +119,7 @@ impl Default for Reduction {
     }
 }
 
-/// Reason for a value that is fixed by construction.
+/// Reason why a value is fixed by construction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FixedReason {
     /// An agent is compared with itself.
@@ -137,7 +137,7 @@ pub struct Heading {
     pub name: String,
     /// Text to print.
     pub label: String,
-    /// The swept number that it stands for; `None` where it stands for anything else.
+    /// The swept number that it stands for; `None` if it stands for anything else.
     pub number: Option<f64>,
 }
 
@@ -158,38 +158,38 @@ impl Heading {
 pub struct Cell {
     /// The number of each seed, in the order of seeds.
     pub seeds: Vec<(u64, f64)>,
-    /// The numbers of the seeds below a limit, by limit, as they were when these seeds were all there were: a verdict
-    /// of an earlier look knows nothing of later seeds. A limit without an entry has the numbers in `seeds`.
+    /// The numbers of the seeds below a limit, by limit, as they were when no other seeds existed: a verdict of an
+    /// earlier look must not depend on later seeds. A limit without an entry has the numbers in `seeds`.
     pub as_of: BTreeMap<u64, Vec<(u64, f64)>>,
     /// Number of seeds that the study plans.
     pub planned: usize,
-    /// Number of seeds that ended, but not well.
+    /// Number of seeds that ended unsuccessfully.
     pub failed: usize,
-    /// The seeds as one number; `None` where no seed has one.
+    /// The seeds as one number; `None` if no seed has one.
     pub estimate: Option<f64>,
     /// Standard deviation over seeds; `None` below two seeds.
     pub sd: Option<f64>,
     /// 95 % interval of the estimate; `None` below two seeds.
     pub interval: Option<(f64, f64)>,
-    /// The published number and how the seeds compare with it; `None` where nothing is published.
+    /// The published number and its comparison with the seeds; `None` if nothing is published.
     pub judgement: Option<Judgement>,
     /// Reasons for missing seeds.
     pub missing: Vec<MissingSeeds>,
-    /// Reason for a value that is fixed by construction; `None` where it is not.
+    /// Reason why a value is fixed by construction; `None` if it is not.
     pub fixed: Option<FixedReason>,
-    /// Choice that was made with the published value in view; `None` where there was none.
+    /// Choice that was made with knowledge of the published value; `None` if there was none.
     pub calibrated_on: Option<String>,
     /// Whether the values are successes of seeds, 0 or 1.
     pub is_share: bool,
     /// Agents behind the value that made no update.
     pub untrained: Vec<String>,
-    /// Share of the source's training behind the value; `None` where the study does not state it.
+    /// Share of the source's training behind the value; `None` if the study does not state it.
     pub training: Option<TrainingShare>,
     /// An earlier number of seeds at which the verdict was seen without a plan.
     pub seen_at: Option<u32>,
-    /// First rule of the verdict, where it was changed after the verdict was seen: then the verdict is exploratory.
+    /// First rule of the verdict, if it was changed after the verdict was seen; the verdict is then exploratory.
     pub first_judged_by: Option<String>,
-    /// Seeds that a verdict may rest on.
+    /// Seeds on which a verdict may be based.
     pub looks: Seeds,
     /// The combinations whose seeds are behind the value.
     pub rests_on: BTreeSet<Combination>,
@@ -214,8 +214,8 @@ impl Grid {
         self.exploratory || cell.first_judged_by.is_some()
     }
 
-    /// The printed columns from left to right: each column, followed by its published values and verdicts where it
-    /// has any.
+    /// The printed columns from left to right: each column, followed by its published values and verdicts if it has
+    /// any.
     #[must_use]
     pub fn parts(&self) -> Vec<PrintedColumn> {
         let has_published = |column: usize| self.cells.iter().any(|row| row[column].judgement.is_some());
@@ -277,8 +277,7 @@ impl Grid {
         })
     }
 
-    /// The number of seeds behind most cells; cells with another number state theirs. `None` where no cell has a
-    /// seed.
+    /// The number of seeds behind most cells; cells with another number state theirs. `None` if no cell has a seed.
     #[must_use]
     pub fn usual_n(&self) -> Option<usize> {
         let mut counts: std::collections::BTreeMap<usize, usize> = std::collections::BTreeMap::new();
@@ -302,7 +301,7 @@ impl Grid {
         text + &self.remark(cell)
     }
 
-    /// Remark after a value: its number of seeds where that is not the usual one, and a star where some are missing.
+    /// Remark after a value: its number of seeds if that is not the usual one, and a star if some are missing.
     pub(super) fn remark(&self, cell: &Cell) -> String {
         let mut text = String::new();
         if self.usual_n() != Some(cell.seeds.len()) {
@@ -322,19 +321,19 @@ impl Cell {
         self.seeds.len() < self.planned
     }
 
-    /// The published number; `None` where nothing is published for the cell.
+    /// The published number; `None` if nothing is published for the cell.
     #[must_use]
     pub fn published(&self) -> Option<f64> {
         self.judgement.as_ref().map(|judgement| judgement.reference.value)
     }
 
-    /// The verdict of the seeds on the published number; `None` where nothing is published.
+    /// The verdict of the seeds on the published number; `None` if nothing is published.
     #[must_use]
     pub fn verdict(&self) -> Option<Verdict> {
         self.judgement.as_ref().map(|judgement| judgement.verdict)
     }
 
-    /// The verdict, followed by the verdict of all judged values together (Holm) where that differs.
+    /// The verdict, followed by the verdict of all judged values together (Holm) if that differs.
     #[must_use]
     pub fn verdict_in_words(&self) -> String {
         let Some(judgement) = &self.judgement else {
@@ -368,7 +367,7 @@ impl Cell {
         }
     }
 
-    /// The cell with the mean of these values by seed and its 95 % interval; without a value where there are none.
+    /// The cell with the mean of these values by seed and its 95 % interval; without a value if there are none.
     #[must_use]
     pub fn with_mean(self, seeds: BTreeMap<u64, f64>) -> Self {
         let values: Vec<f64> = seeds.values().copied().collect();
@@ -383,7 +382,7 @@ impl Cell {
         }
     }
 
-    /// The numbers that a verdict rests on.
+    /// The numbers on which a verdict is based.
     #[must_use]
     pub fn sample(&self) -> Sample<'_> {
         Sample {

@@ -1,10 +1,10 @@
-//! A table in HTML: the verdict as a word, coloured by the page's style sheet.
+//! A table in HTML. A verdict is a word coloured by the page's style sheet.
 
 use super::{Grid, Intervals, PrintedColumn, prose};
 use maud::{Markup, html};
 use statistics::Verdict;
 
-/// A `table` element with caption and head, followed by its notes. A published value and its verdict stand under
+/// A `table` element with caption and head, followed by its notes. A published value and its verdict are printed under
 /// their value. It uses the classes `value`, `under` and `notes`.
 #[must_use]
 pub fn html(grid: &Grid) -> Markup {
@@ -60,7 +60,7 @@ pub fn published_and_verdict(grid: &Grid, row: usize, column: usize) -> [String;
     [published, grid.text(row, PrintedColumn::Verdict(column))]
 }
 
-/// A text with the class of the word of a verdict, which carries its colour.
+/// A text with the class of a verdict's word, which gives its colour.
 #[must_use]
 pub fn word(verdict: &str, text: &str) -> Markup {
     let class = verdict.to_lowercase().replace(' ', "-");

@@ -38,7 +38,7 @@ fn line<'a>(cells: impl Iterator<Item = &'a str>) -> String {
     row(cells.map(escape))
 }
 
-/// A line of a table; the cells are escaped already.
+/// A line of a table; the cells are already escaped.
 pub fn row(cells: impl Iterator<Item = String>) -> String {
     format!("| {} |", cells.collect::<Vec<_>>().join(" | "))
 }
@@ -60,8 +60,8 @@ pub fn escape(text: &str) -> String {
     let mut rest = text.chars();
     while let Some(character) = rest.next() {
         match character {
-            // Text in brackets is a link or an image by its next character, and at the beginning of a text a link
-            // definition.
+            // Text in brackets is a link or an image depending on its next character, and a link definition at the
+            // beginning of a text.
             ']' if rest.as_str().starts_with(['(', '[']) || refers && rest.as_str().starts_with(':') => {
                 out.push_str("\\]");
             }

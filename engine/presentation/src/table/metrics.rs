@@ -23,10 +23,10 @@ pub struct Metrics {
     pub starting_with: String,
     /// The environment; the only one where absent.
     pub environment: String,
-    /// Which agents, in this order; all where empty.
+    /// Agents to show, in this order; all where empty.
     pub agents: Vec<String>,
-    /// An agent whose ranking of the metrics, by their values, is held against that of the others, seed by seed, in a
-    /// row of its own: of those of `starting_with`, or of all where that is absent.
+    /// An agent whose ranking of the metrics by value is compared with those of the others, seed by seed, in an extra
+    /// row. It ranks the metrics of `starting_with`, or all metrics where that is absent.
     pub ranked_against: String,
     /// Digits after the decimal point.
     #[schemars(range(max = 9))]
@@ -136,7 +136,7 @@ impl Metrics {
         further
     }
 
-    /// Says where the options make no table of metrics.
+    /// Reports options that make no table of metrics.
     fn refuse(&self, names: &mut Names<'_>, at: &Place<'_>, picked: &Picked, agents: &[String]) {
         let place = || (at.key, at.at.clone());
         if self.values.is_empty() && self.starting_with.is_empty() {
@@ -206,7 +206,7 @@ impl Metrics {
         self.labels.get(name).map_or(name, String::as_str)
     }
 
-    /// The metrics that are not ranked, in words.
+    /// The metrics that are not ranked, as a phrase.
     fn left_out(&self) -> String {
         if self.starting_with.is_empty() || self.values.is_empty() {
             return String::new();

@@ -1,4 +1,4 @@
-//! Reasons for seeds without a number.
+//! Reasons why seeds have no number.
 
 use contract::trial_end::EndState;
 use std::fmt;
@@ -6,13 +6,13 @@ use std::fmt;
 /// Seeds without a number, with the reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MissingSeeds {
-    /// The environment, where a cell covers several.
+    /// The environment, if a cell covers several.
     pub within: Option<String>,
-    /// Reason, the same for all of these seeds.
+    /// Reason, common to all of these seeds.
     pub why: MissingReason,
 }
 
-/// Reason for seeds without a number.
+/// Reason why seeds have no number.
 #[derive(Debug, Clone, PartialEq)]
 pub enum MissingReason {
     /// This many trials have not run.
@@ -39,10 +39,10 @@ pub enum MissingReason {
         seed: u64,
         /// Metric of the table.
         metric: String,
-        /// Whether it was recorded during learning, where `last` takes its values.
+        /// Whether it was recorded during learning, from where `last` takes its values.
         while_learning: bool,
     },
-    /// The agent that a seed is compared with has no trial of it.
+    /// The agent that a seed is compared with has no trial with this seed.
     NoCounterpart {
         /// Seed of the trial.
         seed: u64,

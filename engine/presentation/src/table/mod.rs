@@ -84,20 +84,20 @@ pub trait Table: KindOptions {
     /// Computes rows, columns and cells, without published values.
     ///
     /// # Errors
-    /// [`Error::Render`] where the results lack the values that it shows.
+    /// [`Error::Render`] if the results lack the values that it shows.
     fn build(&self, results: &Results) -> Result<Grid, Error>;
 
-    /// Agents that a row's single published value is not about.
+    /// Agents to which a row's single published value does not apply.
     fn baselines(&self, _: &Results) -> Vec<String> {
         Vec::new()
     }
 
-    /// Better direction of a column; `None` where the kind does not determine it.
+    /// Better direction of a column; `None` if the kind does not determine it.
     fn better(&self, _column: &str) -> Option<Direction> {
         None
     }
 
-    /// The metric that gives the numbers their unit; `None` where they have another unit or none.
+    /// The metric that gives the numbers their unit; `None` if they have another unit or none.
     fn metric_of_unit(&self) -> Option<&str> {
         None
     }
@@ -112,8 +112,8 @@ pub trait Table: KindOptions {
         false
     }
 
-    /// Number of measurements up to each column, a step, over which published curves are compared; `None` where
-    /// columns are no steps or rows no agents.
+    /// Number of measurements up to each column, a step, over which published curves are compared; `None` if columns
+    /// are no steps or rows no agents.
     fn measurements_by_step(&self) -> Option<u64> {
         None
     }
@@ -134,37 +134,36 @@ pub struct TableSpec {
     #[serde(default)]
     pub published: BTreeMap<String, PublishedRow>,
     /// Published curves. Each is compared with the row of its agent at every one of `at_steps`, over as many
-    /// measurements up to there (`last`, 1 where absent) as ours; several runs count as an uncertain value.
+    /// measurements up to there (`last`, 1 where absent) as the study's own; several runs count as an uncertain value.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub published_curves: Vec<PublishedCurve>,
-    /// How far a reproduced value may lie from the published one: a number in the unit of the cell, or one of
+    /// Largest distance of a reproduced value from the published one: a number in the unit of the cell, or one of
     /// `absolute`, `percent` and `ratio` with a reason, `why`; 5 % of the published value if absent.
     #[serde(default)]
     pub margin: Option<Margin>,
-    /// A choice that was made with the published values in view; agreement with them then says nothing, and their
-    /// verdict is CALIBRATED.
+    /// A choice that was made with knowledge of the published values; agreement with them is then by construction, and
+    /// their verdict is CALIBRATED.
     #[serde(default)]
     pub calibrated_on: Option<String>,
-    /// The system of the published values, where it is another one than the one here: they are printed and not
-    /// judged.
+    /// The system of the published values, if it differs from the one here: they are printed but not judged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of_another_system: Option<String>,
-    /// True where the comparison was thought of after results were seen; its verdicts are counted apart.
+    /// Whether the comparison was thought of after results were seen; its verdicts are counted separately.
     #[serde(default)]
     pub exploratory: bool,
-    /// Attempts to find out why values differ from the published ones: a paragraph, or one for each row. It is
-    /// printed where a value differs.
+    /// Attempts to find out why values differ from the published ones: a paragraph, or one for each row. It is printed
+    /// if a value differs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<Cause>,
     /// Sentences under the table: deviations, sources.
     #[serde(default)]
     pub notes: Vec<String>,
-    /// How the LaTeX file is set: what is bold, how intervals are written, what becomes of a wide table.
+    /// Typesetting of the LaTeX file: bold values, the form of intervals, and the handling of a wide table.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub latex: Option<LatexLayout>,
 }
 
-/// The kind of a table whose options are not read yet; its reader puts them in.
+/// The kind of a table whose options are not read yet; its reader fills them in.
 fn unread() -> Chosen<dyn Table> {
     Chosen::of::<Comparison>(Arc::new(Comparison::default()))
 }
@@ -188,7 +187,7 @@ impl TableSpec {
         }
     }
 
-    /// Whether a choice was made with one of the published values in view.
+    /// Whether a choice was made with knowledge of one of the published values.
     #[must_use]
     pub fn is_calibrated(&self) -> bool {
         self.calibrated_on.is_some() || self.published.values().any(PublishedRow::is_calibrated)
@@ -203,10 +202,10 @@ pub(crate) fn kind<T: Table + KindSpec>() -> Readable<dyn Table> {
     }
 }
 
-/// Computes a table. Missing seeds are counted in their cells, never left out in silence.
+/// Computes a table. Missing seeds are counted in their cells, never left out silently.
 ///
 /// # Errors
-/// [`Error::Render`] where the spec names an agent that the results do not know, or the results lack its values.
+/// [`Error::Render`] if the spec names an agent that the results do not contain, or if the results lack its values.
 pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     let kind = &spec.kind;
     let (mut grid, baselines) = (kind.build(results)?, kind.baselines(results));

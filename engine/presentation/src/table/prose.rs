@@ -12,7 +12,7 @@ pub fn html(text: &str) -> Markup {
     html! { @for piece in pieces { (piece) } }
 }
 
-/// Words in HTML without line breaks inside a number, at its sign or at that of its exponent.
+/// Text in HTML without line breaks inside a number, at its sign or at the sign of its exponent.
 #[must_use]
 pub fn with_whole_numbers(text: &str) -> Markup {
     let is_of_number = |letter: char| letter.is_ascii_digit() || "eE.,;:+-()[]%".contains(letter);
@@ -38,8 +38,7 @@ pub fn latex(text: &str) -> String {
     pieces(text, escape_latex, name).concat()
 }
 
-/// Splits a sentence at backticks; every second part is a name. A backtick without its pair is a character like any
-/// other.
+/// Splits a sentence at backticks; every second part is a name. A backtick without its pair is an ordinary character.
 fn pieces<T>(text: &str, plain: fn(&str) -> T, name: fn(&str) -> T) -> Vec<T> {
     let text = printable(text);
     let parts: Vec<&str> = text.split('`').collect();

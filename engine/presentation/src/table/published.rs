@@ -19,14 +19,14 @@ use std::collections::BTreeMap;
 pub enum PublishedRow {
     /// The value of the row's only column, or of every column that is not a bound or baseline.
     Value(f64),
-    /// The same, with what is known of it besides.
+    /// The value with the known facts about it.
     Entry(PublishedValue),
     /// Values by column name.
     Columns(BTreeMap<String, PublishedCell>),
 }
 
 impl PublishedRow {
-    /// Whether a choice was made with one of the values in view.
+    /// Whether a choice was made with knowledge of one of the values.
     #[must_use]
     pub fn is_calibrated(&self) -> bool {
         match self {
@@ -45,18 +45,17 @@ impl PublishedRow {
 pub enum PublishedCell {
     /// The value alone.
     Value(f64),
-    /// The value with what is known of it besides.
+    /// The value with the known facts about it.
     Entry(PublishedValue),
 }
 
-/// A published value with what is known of it.
+/// A published value with the known facts about it.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedValue {
     /// The value.
     pub value: f64,
-    /// Standard deviation over the published runs; with `n` the value counts as uncertain, without both as
-    /// exact.
+    /// Standard deviation over the published runs. With `n` the value counts as uncertain, without both as exact.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0))]
     pub sd: Option<f64>,
@@ -64,15 +63,15 @@ pub struct PublishedValue {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 2))]
     pub n: Option<u32>,
-    /// A choice that was made with this value in view. Agreement with it then says nothing: CALIBRATED stands for
-    /// REPRODUCED.
+    /// A choice that was made with knowledge of this value. Agreement with it is then by construction: CALIBRATED
+    /// stands for REPRODUCED.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibrated_on: Option<String>,
 }
 
 impl PublishedValue {
-    /// The value as a share of the published runs; `None` where their number is not given, or where the value is no
-    /// share of that many runs, as printed with two digits or more.
+    /// The value as a share of the published runs; `None` if their number is not given, or if the value is no share of
+    /// that number of runs, as printed with two digits or more.
     #[must_use]
     #[allow(
         clippy::cast_possible_truncation,
@@ -93,7 +92,7 @@ impl PublishedValue {
 }
 
 impl PublishedCell {
-    /// The value with the known facts on it.
+    /// The value with the known facts about it.
     #[must_use]
     pub fn entry(&self) -> PublishedValue {
         match self {
@@ -106,7 +105,7 @@ impl PublishedCell {
     }
 }
 
-/// How far a reproduced value may lie from the published one.
+/// Largest distance of a reproduced value from the published one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Margin {
@@ -128,11 +127,11 @@ pub struct StatedMargin {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0))]
     pub percent: Option<f64>,
-    /// As a factor: 1.2 is from the published value over 1.2 to 1.2 times it.
+    /// As a factor: 1.2 allows from the published value over 1.2 to 1.2 times it.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1.0))]
     pub ratio: Option<f64>,
-    /// Why this much is the same.
+    /// Reason why values this close count as the same.
     pub why: String,
 }
 
@@ -160,7 +159,7 @@ impl Margin {
         }
     }
 
-    /// The margin in words, as in `a factor of 1.2`.
+    /// The margin as text, as in `a factor of 1.2`.
     #[must_use]
     pub fn in_words(margin: Option<&Self>, unit: &str) -> String {
         let absolute = |distance: &f64| match unit {
@@ -184,7 +183,7 @@ impl Margin {
         }
     }
 
-    /// The reason of a margin; empty where none is given.
+    /// The reason of a margin; empty if none is given.
     #[must_use]
     pub fn reason(margin: Option<&Self>) -> &str {
         match margin {
@@ -198,16 +197,16 @@ impl Margin {
 pub(super) struct JudgingRules<'a> {
     /// Largest distance of a value from the published one that counts as the same.
     pub(super) margin: Option<&'a Margin>,
-    /// Choice that was made with all published values in view.
+    /// Choice that was made with knowledge of all published values.
     pub(super) calibrated_on: Option<&'a str>,
     /// Whether they belong to another system.
     pub(super) of_another_system: bool,
-    /// Agents that a row's single published value is not about.
+    /// Agents to which a row's single published value does not apply.
     pub(super) baselines: &'a [String],
 }
 
 impl JudgingRules<'_> {
-    /// Puts a row's published values into its cells; returns whether each of them has a cell.
+    /// Writes a row's published values into its cells; returns whether each of them has a cell.
     pub(super) fn publish(&self, grid: &mut Grid, row: &str, published: &PublishedRow) -> bool {
         let Some(row) = grid
             .rows
@@ -229,11 +228,11 @@ impl JudgingRules<'_> {
         }
     }
 
-    /// Puts a published curve beside the row of its agent, at the steps of the columns, each over as many
+    /// Writes a published curve beside the row of its agent, at the steps of the columns, each over as many
     /// measurements up to there as the reproduced value. Returns a sentence on the runs behind it.
     ///
     /// # Errors
-    /// [`Error::Render`] where the file no longer holds the requested values.
+    /// [`Error::Render`] if the file no longer contains the requested values.
     pub(super) fn publish_curve(
         &self,
         grid: &mut Grid,

@@ -1,7 +1,7 @@
 //! Rank correlations between environments: Spearman's correlation of a metric over agents and settings.
 //!
 //! A point is an agent with a setting of the sweep; its value in an environment is the mean over seeds. The interval
-//! is that of a bootstrap over the points, since another experiment would have other points. The correlation of each
+//! comes from a bootstrap over the points, since another experiment would have other points. The correlation of each
 //! single seed is kept beside it.
 
 use super::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Reduction, Scope, Table, problem};
@@ -22,12 +22,12 @@ const COLUMN: &str = "rank_correlation";
 pub struct RankCorrelation {
     /// The metric.
     pub value: String,
-    /// The environment whose ranking the others are held against.
+    /// The environment whose ranking the others are compared with.
     pub against: String,
-    /// Which environments are held against it, in this order; all others where empty.
+    /// Environments to compare with it, in this order; all others where empty.
     #[serde(default)]
     pub environments: Vec<String>,
-    /// Which agents are ranked; all where empty.
+    /// Agents to rank; all where empty.
     #[serde(default)]
     pub agents: Vec<String>,
     /// Digits after the decimal point.
@@ -197,7 +197,7 @@ mod tests {
     use super::*;
     use contract::Phase;
 
-    /// Twelve agents whose values here are those there, up to a swap of every second pair.
+    /// Twelve agents with the same values in both environments, except that every second pair is swapped.
     fn results() -> Results {
         let mut trials = Vec::new();
         for agent in 0..12u32 {

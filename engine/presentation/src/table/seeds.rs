@@ -14,7 +14,7 @@ pub struct Scope<'a> {
     pub trials: Vec<&'a TrialResult>,
 }
 
-/// The names in `present`, each once: first those in `listed`, in its order, then the others in theirs.
+/// The names in `present`, each once: first those in `listed`, in that order, then the others in their own order.
 pub(super) fn listed_first<'n>(listed: &[String], present: impl Iterator<Item = &'n str>) -> Vec<String> {
     let mut seen = HashSet::new();
     let present: Vec<&str> = present.filter(|name| seen.insert(*name)).collect();
@@ -124,7 +124,7 @@ impl<'a> Scope<'a> {
             .collect()
     }
 
-    /// Number of trials that ended, but not well.
+    /// Number of trials that ended unsuccessfully.
     #[must_use]
     pub fn failed(&self) -> usize {
         self.trials
@@ -162,7 +162,7 @@ impl<'a> Scope<'a> {
     }
 }
 
-/// The smallest and largest of some numbers, as one where they are equal; `None` where there is none.
+/// The smallest and largest of some numbers, as one if they are equal; `None` if there is none.
 fn ends(numbers: Vec<f64>) -> Option<String> {
     let (low, high) = (
         numbers.iter().copied().reduce(f64::min)?,

@@ -3,7 +3,7 @@
 use super::{Grid, Intervals, PrintedColumn};
 use unicode_width::UnicodeWidthStr;
 
-/// The table in at most `width` columns of characters; one line per cell where the whole table is wider.
+/// The table in at most `width` columns of characters; one line per cell if the whole table is wider.
 #[must_use]
 pub fn terminal(grid: &Grid, width: usize) -> String {
     with_notes(grid, width, &grid.footnotes(Intervals::InBrackets))

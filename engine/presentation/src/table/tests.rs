@@ -172,7 +172,7 @@ fn results_against_the_budget() {
             .map(|row| row[column].seeds.clone())
             .collect::<Vec<_>>()
     };
-    // The averages of seed 0 are 0, 4, 6, 7; the rule has the same value whatever the step.
+    // The averages of seed 0 are 0, 4, 6, 7; the rule has the same value at every step.
     assert_eq!(
         seeds(0),
         [vec![(0, 4.0), (1, 8.0)], vec![(0, 4.0)], vec![(0, 3.0), (1, 3.0)]]
@@ -235,8 +235,7 @@ fn published_curves_are_compared_at_equal_steps() {
                 .map(|it| (it.reference.value, it.reference.runs))
         })
         .collect();
-    // Up to step 10 there is one measurement only, and the logs end at 28. The two runs differ by 2 and by
-    // 1.5.
+    // Up to step 10 there is only one measurement, and the logs end at 28. The two runs differ by 2 and by 1.5.
     let runs = |difference: f64| Some((statistics::estimators::sd(&[0.0, difference]), 2));
     assert_eq!(
         references,
@@ -443,7 +442,7 @@ fn judge_above_nine(results: &mut Results) -> Success {
     success
 }
 
-/// A seed without success has ended too, so its look is complete, though the value rests on the other seeds alone.
+/// A seed without success has ended too, so its look is complete, although the value is based only on the other seeds.
 #[test]
 fn seeds_without_success_complete_a_look() {
     let mut results = Results::of(

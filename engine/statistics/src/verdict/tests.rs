@@ -134,14 +134,14 @@ fn a_published_share_of_few_runs_is_uncertain_too() {
             n: 300,
         },
     );
-    // Against an exact 0.667 a third of the seeds is too few, against two of three runs it is inconclusive.
+    // Against an exact 0.667 a third of the seeds is too few; against two of three runs it is inconclusive.
     assert_eq!(judged(3, None).verdict, Verdict::Differs);
     assert_eq!(judged(3, Some(of_3)).verdict, Verdict::Inconclusive);
     assert_eq!(judged(3, Some(of_300)).verdict, Verdict::Differs);
     assert_eq!(judged(13, None).verdict, Verdict::Reproduced);
     assert_eq!(judged(13, Some(of_3)).verdict, Verdict::Inconclusive);
     assert_eq!(judged(13, Some(of_300)).verdict, Verdict::Reproduced);
-    // Mean and interval are of our share all the same, and the number of seeds is ours.
+    // Mean and interval still belong to the reproduced share, and the number of seeds is that of the study.
     let [exact, uncertain] = [None, Some(of_3)].map(|share| judged(13, share));
     assert_close(uncertain.mean.unwrap(), 0.65, 1e-12);
     assert_eq!((uncertain.n, exact.mean), (20, Some(0.65)));

@@ -1,4 +1,4 @@
-//! Facts on the environments of a study: they are made and tried out, unless their announcements are known.
+//! Facts on the environments of a study. An environment is made and tried out, unless its announcement is known.
 
 use super::{BuildResult, Builder, built};
 use crate::cell::Cell;
@@ -74,7 +74,7 @@ impl Builder<'_> {
         refusal.map_or(Ok(()), Err)
     }
 
-    /// Facts on the environment of a cell, where it could be built.
+    /// Facts on the environment of a cell, if it could be built.
     pub(super) fn facts(&self, cell: &Cell) -> Option<Arc<Facts>> {
         self.environments.get(cell.parts[0].id())?.clone()
     }

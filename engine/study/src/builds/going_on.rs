@@ -1,4 +1,5 @@
-//! Checks of learning that goes on from an artifact: in the same environment, by an agent that the learned values fit.
+//! Checks of learning that continues from an artifact: the environment must be the same, and the learned values must
+//! fit the agent.
 
 use super::Builder;
 use crate::{cell::Cell, dependencies, parts, search::LocatedSearch};
@@ -14,8 +15,8 @@ const WHAT_MAY_DIFFER: &str =
     "networks must have the form with which learning began; rates and the like may differ";
 
 impl Builder<'_> {
-    /// Refuses a cell that goes on from an artifact that does not fit it. The stretches of a schedule fit each other
-    /// where the ends of its ranges do.
+    /// Refuses a cell that continues from an artifact that does not fit it. The stretches of a schedule fit each other
+    /// if the settings at the ends of its ranges do.
     pub(super) fn goes_on_well(&mut self, cell: &Cell, interface: &Interface) -> Result<(), Box<Diagnostic>> {
         let from = cell.sources.iter().find(|it| it.kind == ArtifactKind::Checkpoint);
         let Some(source) = from.filter(|_| cell.parts[2].given.stretch.is_none()) else {
@@ -36,8 +37,8 @@ impl Builder<'_> {
         })
     }
 
-    /// Refuses a population over a key that changes the shape of networks: values that a member learned would fit no
-    /// other.
+    /// Refuses a population over a key that changes the shape of networks, because a member could not take over the
+    /// learned values of another.
     pub(super) fn members_fit(&mut self, searched: &LocatedSearch<'_>) -> Result<(), Box<Diagnostic>> {
         if !searched.search.is_population() {
             return Ok(());
@@ -50,7 +51,7 @@ impl Builder<'_> {
         };
         let interface = &facts.interface;
         let shares = vec![0.0; searched.paths.len()];
-        // Settings that cannot be built are reported themselves.
+        // Settings that cannot be built are reported elsewhere.
         let Some(first) = self.member(searched, &shares, interface) else {
             return Ok(());
         };
@@ -87,7 +88,7 @@ impl Builder<'_> {
         })
     }
 
-    /// A member whose keys lie at these shares of their ranges; `None` where it cannot be built so.
+    /// An agent whose searched keys lie at these shares of their ranges; `None` if it cannot be built.
     fn member(
         &self,
         searched: &LocatedSearch<'_>,

@@ -1,4 +1,4 @@
-//! Builds the parts that cells name: a plugin may refuse a config for reasons that no schema can state, and only the
+//! Builds the parts that cells name. A plugin may refuse a config for reasons that no schema can state, and only the
 //! built environment and protocol know the metrics of trials.
 
 mod facts;
@@ -36,9 +36,9 @@ use std::{
 };
 use stubs::Stubs;
 
-/// Agents are built for each named pair, and for this many further settings; building networks takes time.
+/// Largest number of settings for which agents are built besides one for each named pair; building networks takes time.
 const MOST_SETTINGS_BUILT: usize = 200;
-/// Step at which an agent that is not built, or is refused, is taken to learn.
+/// Step from which an agent that is not built, or is refused, is assumed to learn.
 const FROM_THE_FIRST_STEP: u64 = 1;
 
 /// Metrics of a built protocol.
@@ -63,15 +63,15 @@ impl ProtocolMetrics {
         }
     }
 
-    /// Whether an agent that learns may run under the protocol: the feed teaches the agent, or nothing is
-    /// given. A protocol of examples measures by them, too, so its feed counts even then.
+    /// Whether an agent that learns may run under the protocol: its feed teaches the agent, or it gives nothing to
+    /// learn from. A protocol of examples also measures by its examples, so its feed counts even if it trains nothing.
     fn teaches(&self, entry: &AgentEntry) -> bool {
         let gives_nothing = self.experience == 0 && self.feed != Feed::Examples;
         gives_nothing || self.feed.teaches(&entry.traits.learns_from)
     }
 }
 
-/// Whether an agent can learn from the things that a protocol gives, or need not.
+/// Whether an agent can learn from the feed of a protocol, or does not learn at all.
 pub fn can_learn(entry: &AgentEntry, protocol: Box<dyn Protocol>) -> bool {
     !entry.traits.learns() || ProtocolMetrics::of(protocol).teaches(entry)
 }
@@ -146,7 +146,7 @@ fn ids(cell: &Cell) -> [String; 2] {
     [0, 2].map(|part| cell.parts[part].id().to_owned())
 }
 
-/// Notes the metrics and traces of the trials of a pair; `of_protocol` and `of_agent` are those of these two.
+/// Notes the metrics and traces of the trials of a pair; `of_protocol` and `of_agent` are the metrics of these two.
 fn note(
     pair: (usize, usize),
     facts: &Facts,
@@ -190,7 +190,7 @@ struct Builder<'a> {
     sections: &'a Sections<'a>,
     cells: &'a Cells,
     stubs: Stubs,
-    /// By id; `None` where the build failed and was reported.
+    /// By id; `None` if the build failed and was reported.
     environments: BTreeMap<String, Option<Arc<Facts>>>,
     protocols: BTreeMap<String, Option<ProtocolMetrics>>,
     /// Steps that a built agent needs before it learns, by the origins of environment and agent.
@@ -202,14 +202,14 @@ struct Builder<'a> {
     extra: usize,
     /// Warnings that were given: agent, steps before it learns, steps of the protocol.
     warned: BTreeSet<(Target, u64, u64)>,
-    /// Faults in the values that environments return, by their own declarations.
+    /// Faults in the values that environments return, measured against their own declarations.
     doubts: Vec<Diagnostic>,
     is_recalled: bool,
     /// Announcements of environments that were tried out, by id.
     announced: BTreeMap<String, Value>,
 }
 
-/// A result whose error is a diagnostic at its place.
+/// A result whose error is a diagnostic with its position.
 type BuildResult<T> = Result<T, Box<Diagnostic>>;
 
 /// The result of building a plugin; a panic is its error.
@@ -258,7 +258,7 @@ impl<'a> Builder<'a> {
     }
 
     /// Facts on the cell's environment, once its protocol has accepted the environment and gives the agent values to
-    /// learn from; `None` where one of the two could not be built, which was reported.
+    /// learn from; `None` if one of the two could not be built, which was reported.
     fn accepted(&mut self, cell: &Cell) -> BuildResult<Option<Arc<Facts>>> {
         let [_, agent, protocol] = &cell.parts;
         let (Some(facts), Some(Some(measures))) = (self.facts(cell), self.protocols.get(protocol.id()))
@@ -283,7 +283,7 @@ impl<'a> Builder<'a> {
         Ok(Some(facts))
     }
 
-    /// Builds an agent in an environment, unless it was or too many settings of its pair were.
+    /// Builds an agent in an environment, unless that was done or too many settings of its pair were built.
     fn build_once(
         &mut self,
         cell: &Cell,
@@ -350,7 +350,7 @@ impl<'a> Builder<'a> {
         self.note(cell, pair, || recorded, vocabulary)
     }
 
-    /// The error of an agent that trains itself and cannot be measured as it asks.
+    /// The error of an agent that trains itself and asks for a form of measurement that its protocol does not have.
     fn measured_otherwise(&self, cell: &Cell, measured: Option<Measured>) -> Option<Error> {
         let facts = self.facts(cell)?;
         let seats = facts.interface.seats.len();
@@ -368,8 +368,8 @@ impl<'a> Builder<'a> {
         Some(Error::config(MEASURED, problem))
     }
 
-    /// A metric with the name of one that means something else for the agents that the protocol trains: where an
-    /// environment has seats, both may stand in a table.
+    /// The error of a metric whose name means something else for the agents that the protocol trains. In an environment
+    /// with seats, both may appear in one table.
     fn is_taken(&self, cell: &Cell, recorded: &[Metric]) -> Option<Error> {
         let facts = self.facts(cell)?;
         let measures = self.protocols.get(cell.parts[2].id())?.as_ref()?;
@@ -383,7 +383,7 @@ impl<'a> Builder<'a> {
         (!facts.interface.seats.is_empty()).then(|| Error::config("metrics", problem))
     }
 
-    /// Warns of a learner whose protocol ends before it learns, once for each agent and length.
+    /// Warns of a learner whose protocol ends before it begins to learn, once for each agent and length.
     fn warn_of_short_training(&mut self, cell: &Cell, vocabulary: &mut Vocabulary) {
         let [_, agent, protocol] = &cell.parts;
         let learns_after = self.agents.get(&given(cell)).copied();
@@ -430,7 +430,7 @@ impl<'a> Builder<'a> {
             }
             let measured = protocol::measurement_metrics();
             let of_protocol = match cell.parts[2].given.form {
-                // It is measured, and the protocol does not see how it trains.
+                // The protocol measures the agent but does not see its training.
                 Form::Own(_) => &measured,
                 _ => &measures.metrics,
             };
@@ -522,7 +522,7 @@ impl<'a> Builder<'a> {
             .help(help)
     }
 
-    /// The error of an agent that learns from things which its protocol does not give.
+    /// The error of an agent that learns from another feed than that of its protocol.
     fn learns_otherwise(
         &self,
         agent: &ResolvedPart,
@@ -567,7 +567,7 @@ impl<'a> Builder<'a> {
             .help(help)
     }
 
-    /// Advice for an agent that learns from its own decisions, and the agents that learn from `given` instead.
+    /// Advice to use an agent that learns from its own decisions, or one of the agents that learn from `given`.
     fn decisions_or(&self, given: Feed) -> String {
         let others = self
             .sections
@@ -595,7 +595,7 @@ impl<'a> Builder<'a> {
             .and_then(|config| built(|| (entry.build)(&config)));
         let (measures, refusal) = match built {
             Ok(protocol) => {
-                // A value that an override gives to some combinations is meant for them.
+                // A value that an override gives to some combinations is taken to be deliberate.
                 let doubt = protocol.doubt().filter(|_| resolved.given.overrides.is_empty());
                 let doubt = doubt.map(|doubt| self.refused(resolved, &doubt));
                 vocabulary.warnings.extend(doubt.map(Diagnostic::as_warning));
@@ -607,7 +607,7 @@ impl<'a> Builder<'a> {
         refusal.map_or(Ok(()), Err)
     }
 
-    /// A refusal, placed at the key that the plugin names where the study gives it.
+    /// A refusal, placed at the key that the plugin names if the study gives that key.
     fn refused(&self, resolved: &ResolvedPart, error: &Error) -> Diagnostic {
         let (sections, target) = (self.sections, resolved.given.target);
         let plugin = sections.plugin(target);

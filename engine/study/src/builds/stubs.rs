@@ -1,6 +1,6 @@
-//! Stubs of the artifacts that cells leave, made by agents as they begin: `check` builds the cells that take them from
-//! these, so that an artifact of the wrong kind or shape is refused before anything runs, by the code that will read
-//! the real one.
+//! Stubs of the artifacts that cells leave, made by agents as they begin. `check` builds the cells that take artifacts
+//! from these stubs, so that the code that will read the real artifact refuses a wrong kind or shape before anything
+//! runs.
 
 use super::Builder;
 use crate::{
@@ -22,7 +22,7 @@ use std::{
 #[derive(Debug, Default)]
 pub struct Stubs {
     root: Option<tempfile::TempDir>,
-    /// `None` where the cell's parts were refused.
+    /// `None` if the cell's parts were refused.
     folders: BTreeMap<usize, Option<PathBuf>>,
 }
 
@@ -39,7 +39,7 @@ impl Stubs {
 }
 
 impl Builder<'_> {
-    /// Makes the stubs that a cell takes; false where one cannot be made, which is reported elsewhere.
+    /// Makes the stubs that a cell takes; false if one cannot be made, which is reported elsewhere.
     ///
     /// # Errors
     /// A cell that does not leave the artifact that is taken from it.
@@ -55,7 +55,7 @@ impl Builder<'_> {
         Ok(true)
     }
 
-    /// The folder with the stubs of a cell; `None` where its parts are refused.
+    /// The folder with the stubs of a cell; `None` if its parts are refused.
     pub(super) fn stub(&mut self, index: usize) -> Option<PathBuf> {
         if let Some(known) = self.stubs.folders.get(&index) {
             return known.clone();
@@ -95,7 +95,7 @@ impl Builder<'_> {
         Some(folder)
     }
 
-    /// The config from which a part is built: with the content of data files, and with stubs for artifacts.
+    /// The config from which a part is built, with the content of data files and with stubs for artifacts.
     pub(super) fn config(&self, cell: &Cell, part: usize) -> Result<CompleteConfig, Error> {
         let resolved = &cell.parts[part].part;
         let of_part = cell.sources.iter().filter(|source| source.part == part);
@@ -117,7 +117,7 @@ impl Builder<'_> {
         resolved.loaded(&find)
     }
 
-    /// The agent whose policy a cell measures, with the stub of the policy taken up.
+    /// The agent whose policy a cell measures, loaded with the stub of the policy.
     pub(super) fn policy(
         &mut self,
         cell: &Cell,

@@ -1,5 +1,5 @@
-//! Agents whose code is not this program's own: they are tried out in environments of their trials, unless they are
-//! known to have been tried out.
+//! Agents whose code is not part of this program. They are tried out in the environments of their trials, unless an
+//! earlier try-out is known.
 
 use super::{BuildResult, Builder, built};
 use crate::{cell::Cell, part::Form};
@@ -22,7 +22,7 @@ impl Builder<'_> {
         Err(Box::new(self.refused(agent, &Error::config("learns", problem))))
     }
 
-    /// Whether the agent of a cell is known to have been tried out well in its environment.
+    /// Whether the agent of a cell is known to have passed a try-out in its environment.
     pub(super) fn was_tried(&mut self, cell: &Cell) -> bool {
         let is_foreign = self
             .entry(cell)
@@ -42,7 +42,7 @@ impl Builder<'_> {
     /// Tries out the agent of a cell in its environment.
     ///
     /// # Errors
-    /// The problems that it found.
+    /// The problems that were found.
     pub(super) fn try_out(&mut self, cell: &Cell, agent: &mut dyn Agent) -> BuildResult<()> {
         let entry = &self.sections.registry.environments[cell.parts[0].part.plugin.as_str()];
         let config = self.config(cell, 0);

@@ -1,4 +1,4 @@
-//! The configs of one part at every point of the dimensions that concern it. A sweep may have a million points: each is
+//! The configs of one part at every point of the dimensions that affect it. A sweep may have a million points. Each is
 //! resolved once, on all cores, and only the parts that do not follow from the dimensions one by one are kept.
 
 use crate::{
@@ -21,24 +21,25 @@ use std::{
     },
 };
 
-/// Number of points up to which each is kept; larger numbers are also shared out among the cores.
+/// Number of points up to which every part is kept; larger numbers are also divided among the cores.
 const MANY: usize = 2000;
-/// Number of points that are resolved between two looks at the mistakes.
+/// Number of points that are resolved between two checks for mistakes.
 const AT_ONCE: usize = 20 * MANY;
 /// Number of mistakes of one part that are shown; those of a sweep mostly come from one key.
 const MOST_MISTAKES: usize = 100;
 
-/// The changes of one point of one dimension to the first point's config; `None` where these are not all that differs.
+/// The changes that one point of one dimension makes to the first point's config; `None` if there are other
+/// differences.
 type PointChanges = Option<Box<[Arc<Change>]>>;
 
 /// A part at every point of some dimensions.
 #[derive(Debug)]
 pub(crate) struct Grid {
-    /// The dimensions, by their places in the sweep, with how many points each has; the first changes slowest.
+    /// The dimensions, by their places in the sweep, with the number of points of each; the first changes slowest.
     dimensions: Vec<(usize, usize)>,
     /// The part at the first point.
     first: Arc<ResolvedPart>,
-    /// By dimension and point. A part that is not kept has the changes of its points together.
+    /// Changes by dimension and point. A part that is not kept has the changes of all its points combined.
     single: Vec<Vec<PointChanges>>,
     /// Parts that are kept, by their place among all points.
     kept: BTreeMap<usize, Arc<ResolvedPart>>,
@@ -51,7 +52,7 @@ impl Grid {
     /// them.
     ///
     /// # Errors
-    /// Mistakes for which points cannot be resolved.
+    /// Mistakes that keep points from being resolved.
     pub(super) fn resolve(
         sections: &Sections<'_>,
         files: &Files<'_>,
@@ -124,7 +125,7 @@ pub(crate) fn points_at(dimensions: &[(usize, usize)], mut place: usize) -> Vec<
     points
 }
 
-/// The changes of all points; `None` where those of one are not all that differs.
+/// The combined changes of all points; `None` if those of one are not all that differs.
 fn together<'a>(single: &'a [Vec<PointChanges>], points: &[(usize, usize)]) -> Option<Vec<&'a Arc<Change>>> {
     let mut all = Vec::new();
     for (changes, (_, point)) in single.iter().zip(points).filter(|(_, (_, point))| *point > 0) {
@@ -139,7 +140,7 @@ struct GridBuilder<'a> {
     files: &'a Files<'a>,
     plugin: Plugin<'a>,
     given: &'a ConfigOrigin,
-    /// `None` where it was refused.
+    /// `None` if the part at the first point was refused.
     first: Option<&'a ResolvedPart>,
     names_artifacts: AtomicBool,
 }
@@ -171,7 +172,7 @@ impl GridBuilder<'_> {
             let changed = |files: &mut Files<'_>, point: usize| {
                 let mut points = points_at(dimensions, 0);
                 points[place].1 = point;
-                // A mistake is found again where all points are resolved.
+                // The mistake is found again when all points are resolved.
                 let part = self.resolve(points, files).ok()?.part;
                 let first = &self.first?.part;
                 let changes = changes(&first.config, &part.config).into_iter().map(Arc::new);
@@ -183,7 +184,7 @@ impl GridBuilder<'_> {
         (0..dimensions.len()).map(of_dimension).collect()
     }
 
-    /// The parts that are more than the changes of their points together; ends early once there are many mistakes.
+    /// The parts that differ from the combined changes of their points; stops early once there are many mistakes.
     fn kept(
         &self,
         dimensions: &[(usize, usize)],
@@ -214,7 +215,7 @@ impl GridBuilder<'_> {
         kept
     }
 
-    /// The part at some points, unless it is the changes of the points together.
+    /// The part at some points, unless it equals the combined changes of the points.
     fn to_keep(
         &self,
         points: Vec<(usize, usize)>,

@@ -1,4 +1,4 @@
-//! The parts that cells are made of, each resolved once for all cells that share it.
+//! The parts of cells, each resolved once for all cells that share it.
 
 mod grid;
 
@@ -20,7 +20,7 @@ use std::{collections::BTreeMap, sync::Arc};
 
 pub(crate) type PartResult = Result<Arc<ResolvedPart>, Vec<Diagnostic>>;
 
-/// Parts that were resolved already, for all cells that share them.
+/// Parts that are already resolved, for all cells that share them.
 pub(crate) struct PartCache<'a> {
     pub(crate) sections: &'a Sections<'a>,
     pub(crate) files: Files<'a>,
@@ -102,8 +102,8 @@ impl<'a> PartCache<'a> {
         Ok(Cell::new(Place::Tried(search), searched.point(place), parts))
     }
 
-    /// The stretches that lead a combination to the last setting of the schedule that was found for its agent: none
-    /// where a setting was found.
+    /// The stretches that lead a combination to the last setting of the schedule that was found for its agent; none if
+    /// a single setting was found.
     pub(crate) fn leading(&mut self, environment: usize, agent: usize) -> Result<Vec<Cell>, Vec<Diagnostic>> {
         let Some((search, _)) = self.sections.chosen(agent) else {
             return Ok(Vec::new());
@@ -199,7 +199,7 @@ impl<'a> PartCache<'a> {
     }
 }
 
-/// The complete config of the protocol with which settings are compared.
+/// The complete config of the protocol under which settings are compared.
 pub fn protocol_of(sections: &Sections<'_>, searched: &LocatedSearch<'_>) -> Option<CompleteConfig> {
     Some(parts_of(sections, searched)?[2].part.config.clone())
 }
@@ -215,7 +215,7 @@ fn parts_of(sections: &Sections<'_>, searched: &LocatedSearch<'_>) -> Option<[Ar
     known.parts(Target::of_pair(pair), pair, &[], None).ok()
 }
 
-/// The agent of a search with its keys at these shares of their ranges; `None` where that is refused.
+/// The agent of a search with its keys at these shares of their ranges; `None` if it is refused.
 pub(crate) fn member(sections: &Sections<'_>, searched: &LocatedSearch<'_>, shares: &[f64]) -> Option<Part> {
     let mut known = PartCache::new(sections);
     let pair = searched.pair();

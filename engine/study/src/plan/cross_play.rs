@@ -1,5 +1,4 @@
-//! The trials of plays: every combination of agents over roles and every seed, after the trials that train
-//! them.
+//! The trials of plays: every combination of agents over roles for every seed, after the trials that train the agents.
 
 use super::TrialsByCell;
 use crate::checked_study::Study;
@@ -11,7 +10,7 @@ use contract::{
 use presentation::vocabulary::{Pairs, Play, Player};
 use std::{collections::BTreeMap, sync::Arc};
 
-/// The trials of one play; `trained` are those of the study's cells, seed after seed of each.
+/// The trials of one play; `trained` are those of the study's cells, with the seeds of each in order.
 pub(super) fn trials(study: &Study, play: &Play, trained: &TrialsByCell) -> Vec<Arc<Trial>> {
     let mut trials = Vec::new();
     for players in play.combinations() {
@@ -22,8 +21,8 @@ pub(super) fn trials(study: &Study, play: &Play, trained: &TrialsByCell) -> Vec<
     trials
 }
 
-/// Pairs of the study's seeds that meet, one place in their list for each role. An agent that was not trained is the
-/// same for every seed, and meets each once.
+/// Combinations of the study's seeds that meet, as one place in their list for each role. An agent that was not trained
+/// is the same for every seed, and takes part in each meeting once.
 fn meetings(pairs: Pairs, players: &[&Player], n_seeds: usize) -> Vec<Vec<usize>> {
     let matched = |at: usize| vec![at; players.len()];
     let trained: Vec<usize> = (0..players.len()).filter(|role| players[*role].learns).collect();
@@ -48,8 +47,8 @@ fn meetings(pairs: Pairs, players: &[&Player], n_seeds: usize) -> Vec<Vec<usize>
     all
 }
 
-/// One meeting. Its own seed is the latest of those that meet, so that a study that stops at some number of
-/// seeds has every meeting among them.
+/// One meeting. Its own seed is the latest of those that meet, so that a study that stops at some number of seeds
+/// includes every meeting among them.
 fn encounter(
     study: &Study,
     play: &Play,

@@ -1,7 +1,7 @@
-//! Estimates of the time that missing trials take, from the stored trials that are most like them.
+//! Estimates of the time that missing trials take, from the most similar stored trials.
 //!
-//! The time of a trial with the same parts is taken as it is. Where there is none, the nearest trial of the same
-//! environment, agent and protocol gives the time of a step. A trial in another environment gives none: steps of one
+//! The time of a trial with the same parts is used directly. If there is none, the nearest trial of the same
+//! environment, agent and protocol gives the time of a step. A trial in another environment is never used: steps of one
 //! may cost a thousand times those of another.
 
 use super::nearest::{IndexedParts, Search};
@@ -15,14 +15,14 @@ use std::collections::HashMap;
 pub struct Estimate {
     /// Number of missing trials.
     pub missing: usize,
-    /// Number of those that no stored trial is like; they are not in the seconds.
+    /// Number of missing trials without a similar stored trial; `worker_s` does not include them.
     pub unknown: usize,
     /// Seconds of the others on one worker.
     pub worker_s: f64,
 }
 
-/// An estimate for missing trials, each with its steps, on a device or on processors alone, from trials that were computed
-/// there; `steps` are those of a stored trial.
+/// An estimate for missing trials, each with its number of steps, from trials that were computed on the same hardware:
+/// a device, or processors alone. `steps` gives the steps of a stored trial.
 pub fn estimate<'t>(
     missing: impl IntoIterator<Item = (&'t Trial, u64)>,
     device: Option<&str>,

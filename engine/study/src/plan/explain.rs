@@ -8,7 +8,7 @@ use std::{
     fmt::{self, Display, Formatter},
 };
 
-/// Differences that one line shows; further ones are counted.
+/// Number of differences that one line shows; further ones are only counted.
 const MOST_DIFFERENCES: usize = 4;
 
 impl Display for Reason {
@@ -56,8 +56,7 @@ fn new_seed(out: &mut Formatter<'_>, stored: &BTreeSet<u64>) -> fmt::Result {
     )
 }
 
-/// One line per cell and reason in aligned columns; a single line where one reason holds for every cell
-/// alike.
+/// One line per cell and reason in aligned columns; a single line if one reason holds for every cell.
 #[must_use]
 pub fn explain(novelties: &[Novelty]) -> String {
     let Some(first) = novelties.first() else {

@@ -19,9 +19,9 @@ pub struct PartIndex(usize);
 pub struct Difference {
     /// The differing key or version, as in `protocol.steps` or `agent version`.
     pub what: String,
-    /// The stored value; `None` where the stored trial has no such key.
+    /// The stored value; `None` if the stored trial has no such key.
     pub stored: Option<Value>,
-    /// The planned value; `None` where the planned trial has no such key.
+    /// The planned value; `None` if the planned trial has no such key.
     pub planned: Option<Value>,
 }
 
@@ -48,10 +48,10 @@ impl Display for Difference {
 }
 
 impl Difference {
-    /// The part and the name of a file whose content differs, where that stands under a name.
+    /// The part and the name of a file whose content differs, if the file stands under a name.
     fn file(&self) -> Option<(&str, &str)> {
         let (part, name) = self.what.strip_suffix(".file.content")?.split_once(".sources.")?;
-        // A file in a list is told by its index there.
+        // A file in a list is identified by its index there.
         name.parse::<usize>().is_err().then_some((part, name))
     }
 }
@@ -83,14 +83,14 @@ struct Leaves {
 pub struct Catalogue {
     parts: Vec<Arc<Leaves>>,
     index: HashMap<Arc<Leaves>, PartIndex>,
-    /// The trials of a plan share configs, which are then recognised by their address.
+    /// Trials of a plan share configs, which are recognised by their address.
     shared: HashMap<usize, (CompleteConfig, PartIndex)>,
     texts: HashMap<String, usize>,
     by_number: Vec<String>,
 }
 
 impl Catalogue {
-    /// The index of a part, which is added where it is new.
+    /// The index of a part; a new part is added.
     pub fn index(&mut self, part: &Part) -> PartIndex {
         let address = part.config.address();
         let known = self.shared.get(&address).map(|(_, index)| *index);
@@ -113,7 +113,7 @@ impl Catalogue {
         if index == next {
             self.parts.push(leaves);
         }
-        // The config is kept, so that no other can come to lie at its address.
+        // The config is kept, so that no other config can take its address.
         self.shared.insert(address, (part.config.clone(), index));
         index
     }
@@ -132,7 +132,7 @@ impl Catalogue {
         count
     }
 
-    /// How many of three parts have the same plugin.
+    /// Number of plugins that two combinations of three parts have in common.
     pub fn same_plugins(&self, one: &[PartIndex; 3], other: &[PartIndex; 3]) -> usize {
         let plugin = |index: &PartIndex| &self.parts[index.0].plugin;
         one.iter()
@@ -192,7 +192,7 @@ impl Catalogue {
             Some(json!(one.version)),
             Some(json!(other.version)),
         );
-        // A study has one protocol, but mostly several environments and agents.
+        // A study has one protocol, but usually several environments and agents.
         let subject = if kind == "protocol" {
             kind.to_owned()
         } else {
@@ -227,7 +227,7 @@ impl Catalogue {
                     .enumerate()
                     .for_each(|(index, value)| inside(self, &index.to_string(), value));
             }
-            // A list of numbers or words is one leaf: one that grew by an entry differs in one leaf.
+            // A list of numbers or words is one leaf: a list that grew by an entry differs in one leaf.
             leaf => {
                 let leaf = (self.number(path), self.number(&leaf.to_string()));
                 leaves.push(leaf);
@@ -245,7 +245,7 @@ impl Catalogue {
     }
 }
 
-/// Calls `differs` with each path whose values are not the same in two lists that are in the order of paths.
+/// Calls `differs` with each path whose values differ between two lists sorted by path.
 fn merge(
     one: &[(usize, usize)],
     other: &[(usize, usize)],

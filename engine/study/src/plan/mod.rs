@@ -1,5 +1,5 @@
-//! The plan of a study: its trials, in order, why those that are not stored are new, and how long they
-//! will take.
+//! The plan of a study: its trials in order, the reasons why those that are not stored are new, and their expected
+//! time.
 
 mod cross_play;
 mod estimate;
@@ -35,8 +35,8 @@ use std::{
 /// The trials of a study: those of its entries of `prepare`, then of environments, agents, settings and seeds, in the
 /// order of the study, then of its plays.
 ///
-/// Two trials may have the same id: where a sweep does not reach an agent (a protocol's training budget and
-/// an agent that does not learn), its trials stand once in each setting, and the numbers are computed once.
+/// Two trials may have the same id: if a sweep does not affect an agent (a protocol's training budget and an agent that
+/// does not learn), its trials appear once in each setting, and the numbers are computed once.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// Name of the study.
@@ -47,11 +47,11 @@ pub struct Plan {
     pub trials: Vec<Arc<Trial>>,
 }
 
-/// How many seeds combinations of environment, agent and setting have; those that are not named have the
-/// first look's.
+/// Number of seeds of each combination of environment, agent and setting; those that are not named have the seeds of
+/// the first look.
 pub type Wanted = BTreeMap<Combination, u32>;
 
-/// Trials of cells that others take from, by the index of the cell, seed after seed.
+/// Trials of cells that others take from, by the index of the cell, in the order of their seeds.
 type TrialsByCell = BTreeMap<usize, Vec<Arc<Trial>>>;
 
 impl Study {
@@ -69,10 +69,10 @@ impl Study {
         self.plan_with(&Wanted::new())
     }
 
-    /// How many trials [`plan`](Self::plan) has; most studies need not make them for that.
+    /// Number of trials of [`plan`](Self::plan), which most studies know without making them.
     #[must_use]
     pub fn n_trials(&self) -> usize {
-        // Samples of a sweep that came to the same setting are the same trials.
+        // Samples of a sweep that gave the same setting are the same trials.
         if self.design.is_some() || !self.plays.is_empty() || self.repeats.is_some() {
             let mut plan = self.plan();
             plan.keep_once();
@@ -83,8 +83,8 @@ impl Study {
         ready.map(|index| self.seeds_of(index, &taken).len()).sum()
     }
 
-    /// The trials where some combinations have reached a later look. Those of a look follow those of the one before, so
-    /// that a plan that grows keeps the order of its trials.
+    /// The trials of the study when some combinations have reached a later look. The trials of a look follow those of
+    /// the one before, so that a growing plan keeps the order of its trials.
     #[must_use]
     pub fn plan_with(&self, wanted: &Wanted) -> Plan {
         let mut plan = self.plan_of_all_seeds();
@@ -120,7 +120,7 @@ impl Study {
     fn plan_of_all_seeds(&self) -> Plan {
         let (seeds, waiting) = (self.seeds_taken(), self.waiting());
         let mut of_cells = TrialsByCell::new();
-        // Cells that others take from come first; the rest is made where it is put into the plan.
+        // Trials of cells that others take from are made first; the others are made when they are added to the plan.
         let taken = self.taken_from();
         for &index in self
             .order
@@ -152,7 +152,7 @@ impl Study {
         }
     }
 
-    /// The cells that others take from, or whose policies play.
+    /// The cells that others take from, or whose policies take part in plays.
     fn taken_from(&self) -> BTreeSet<usize> {
         let sources = self.order.iter().flat_map(|index| self.cells.sources(*index));
         let players = self.plays.iter().flat_map(|play| &play.players);
@@ -162,8 +162,7 @@ impl Study {
             .collect()
     }
 
-    /// The steps at which searches pause trials of a plan, by id. A trial that another cell needs as well goes to its
-    /// end.
+    /// The steps at which searches pause trials of a plan, by id. A trial that another cell also needs runs to its end.
     #[must_use]
     pub fn pauses(&self, plan: &Plan) -> BTreeMap<String, u64> {
         let (mut pauses, mut whole) = (BTreeMap::new(), BTreeSet::new());
@@ -181,7 +180,7 @@ impl Study {
                 _ => None,
             };
             match stop {
-                // Equal settings of several brackets: the farthest pause holds.
+                // If several brackets have equal settings, the latest pause holds.
                 Some(stop) => {
                     let known = pauses.entry(trial.id.clone()).or_insert(stop);
                     *known = stop.max(*known);
@@ -195,7 +194,7 @@ impl Study {
         pauses
     }
 
-    /// Where a trial of a search pauses, by its place among them.
+    /// The step at which a trial of a search pauses, by its place among the settings.
     fn stop(&self, name: &str, place: usize) -> Option<u64> {
         let (search, progress) = self.searches.iter().find(|(search, _)| search.name == *name)?;
         progress.stops.get(place / search.seeds.len()).copied().flatten()
@@ -223,7 +222,7 @@ impl Study {
         waiting
     }
 
-    /// The seeds that are taken from cells.
+    /// The seeds that other cells take from each cell.
     fn seeds_taken(&self) -> BTreeMap<usize, Vec<u64>> {
         let mut taken: BTreeMap<usize, Vec<u64>> = BTreeMap::new();
         for &index in self.order.iter().rev() {
@@ -239,7 +238,7 @@ impl Study {
         taken
     }
 
-    /// The seeds that a cell runs: those of the study, and for an entry of `prepare` those that something takes.
+    /// The seeds that a cell runs: those of the study, or for an entry of `prepare` those that other cells take.
     fn seeds_of<'a>(&'a self, index: usize, taken: &'a BTreeMap<usize, Vec<u64>>) -> &'a [u64] {
         match self.cells.place(index) {
             Place::Combination(..) => &self.seeds,
@@ -257,7 +256,7 @@ impl Study {
         of_cells: &TrialsByCell,
     ) -> Vec<Arc<Trial>> {
         let cell = self.cells.at(index);
-        // A source runs the seeds that are taken from it, and comes before in the order of cells.
+        // A source runs the seeds that are taken from it, and precedes this cell in the order of cells.
         let source = |cell: usize, seed: u64| {
             let seeds = self.seeds_of(cell, taken);
             let place = seeds.iter().position(|it| *it == seed).unwrap_or_default();
@@ -366,22 +365,22 @@ fn policy_of(trial: &Trial) -> Actors {
 }
 
 impl Plan {
-    /// Keeps the trials that are wanted, and those that they take from, through any number of steps.
+    /// Keeps the wanted trials and their direct and indirect sources.
     pub fn keep(&mut self, wanted: impl Fn(&Trial) -> bool) {
         let sources = self.sources_of(&wanted);
-        // Two combinations may share a trial; one that is not wanted does not come in by the other.
+        // Two combinations may share a trial; one that is not wanted must not be kept because of the other.
         self.trials
             .retain(|trial| wanted(trial) || sources.contains(&trial.id));
     }
 
-    /// Leaves each trial once in its combination: a search may propose the same setting twice.
+    /// Keeps each trial once in its combination: a search may propose the same setting twice.
     pub fn keep_once(&mut self) {
         let mut seen = BTreeSet::new();
         self.trials
             .retain(|trial| seen.insert((trial.cell.combination.clone(), trial.id.clone())));
     }
 
-    /// The ids that the wanted trials take from, through any number of steps.
+    /// The ids of the direct and indirect sources of the wanted trials.
     fn sources_of(&self, wanted: impl Fn(&Trial) -> bool) -> BTreeSet<String> {
         let mut open: Vec<String> = self
             .trials

@@ -1,8 +1,8 @@
-//! The trials in the store that are most like one of a plan, cell by cell.
+//! The stored trials that are most similar to one of a plan, cell by cell.
 //!
-//! How far two combinations of parts are apart is the number of their differing leaves: values of the configs of
-//! environment, agent and protocol, plugins and their versions, and numerics version. Seeds take no part
-//! in it, nor do the names of a study.
+//! The distance between two combinations of parts is the number of their differing leaves: values of the configs of
+//! environment, agent and protocol, plugins and their versions, and numerics version. Seeds and the names of a study do
+//! not count.
 
 use super::leaves::{Catalogue, Difference, PartIndex};
 use contract::{
@@ -13,8 +13,8 @@ use contract::{
 use execution::store::{StoredCell, Took};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// Comparisons of combinations in one search, over all cells; a search that would need more looks at a part
-/// of the store only.
+/// Largest number of comparisons in one search over all cells; a search that would need more examines only a part of
+/// the store.
 const MOST_COMPARISONS: usize = 4_000_000;
 
 /// A combination of parts as indices of the catalogue, so that equal parts are found equal at once.
@@ -31,7 +31,7 @@ pub(super) struct StoredParts<'a> {
     pub(super) key: &'a TrialKey,
     /// The seeds of all its trials.
     pub(super) seeds: BTreeSet<u64>,
-    /// Times of those that ended well.
+    /// Times of those that ended successfully.
     pub(super) took: Took,
 }
 
@@ -40,7 +40,7 @@ pub(super) struct Search<'a> {
     catalogue: Catalogue,
     known: Vec<StoredParts<'a>>,
     by_combination: HashMap<IndexedParts, usize>,
-    /// Combinations by two of their parts; the position that is left out makes the third number.
+    /// Combinations by two of their parts; the third number is the position that is left out.
     by_two_parts: HashMap<(PartIndex, PartIndex, usize), Vec<usize>>,
     most: usize,
 }
@@ -49,7 +49,7 @@ impl<'a> Search<'a> {
     pub(super) fn new(stored: impl IntoIterator<Item = &'a StoredCell>, n_cells: usize) -> Self {
         let mut catalogue = Catalogue::default();
         let mut combinations: BTreeMap<IndexedParts, StoredParts<'a>> = BTreeMap::new();
-        // In the order of their content, so that among equally near ones always the same is found.
+        // Sorting by content makes the choice among equally near combinations deterministic.
         let mut ordered: Vec<&StoredCell> = stored.into_iter().collect();
         ordered.sort_by_cached_key(|cell| serde_json::to_string(&cell.key).unwrap_or_default());
         for cell in ordered {
@@ -92,7 +92,7 @@ impl<'a> Search<'a> {
         self.catalogue.combination(key)
     }
 
-    /// The place of the same parts.
+    /// The place of the stored combination with the same parts.
     pub(super) fn same(&self, planned: &IndexedParts) -> Option<usize> {
         self.by_combination.get(planned).copied()
     }
@@ -104,7 +104,7 @@ impl<'a> Search<'a> {
             .differences(&stored.as_tuple(), &planned.as_tuple())
     }
 
-    /// The stored combinations with the fewest differing leaves; none where nothing is like it.
+    /// The stored combinations with the fewest differing leaves; none if nothing is similar.
     pub(super) fn nearest(&self, planned: &IndexedParts, seeds: &[u64]) -> Vec<usize> {
         let related = planned
             .pairs()
@@ -134,7 +134,7 @@ impl<'a> Search<'a> {
         nearest
     }
 
-    /// The nearest of the combinations with times: with the same parts, or at least the same three plugins.
+    /// The nearest combination with times: one with the same parts, or at least the same three plugins.
     pub(super) fn nearest_timed(&self, planned: &IndexedParts) -> Option<usize> {
         let is_timed = |index: &usize| self.known[*index].took.trials > 0;
         if let Some(same) = self.same(planned).filter(is_timed) {
@@ -148,7 +148,7 @@ impl<'a> Search<'a> {
             .min_by_key(distance)
     }
 
-    /// How many of three plugins are the same.
+    /// Number of plugins that two combinations have in common.
     fn same_plugins(&self, index: usize, planned: &IndexedParts) -> usize {
         self.catalogue
             .same_plugins(&self.known[index].combination.parts, &planned.parts)

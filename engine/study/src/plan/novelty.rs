@@ -1,8 +1,8 @@
 //! Reasons of new trials: the differences from the nearest trial in the store.
 //!
 //! The nearest stored trial is the one with the fewest differing leaves: values of the configs of environment, agent
-//! and protocol, plugins and their versions, numerics version and seed. Names of a study take no part in it.
-//! Seeds are not searched: combinations of parts are compared, each with its seeds.
+//! and protocol, plugins and their versions, numerics version and seed. Names of a study do not count. Combinations of
+//! parts are compared instead of trials, each with all its seeds.
 
 use super::{leaves::Difference, nearest::Search};
 use contract::{
@@ -16,7 +16,7 @@ use std::{
     sync::Arc,
 };
 
-/// Reason that trials are not done.
+/// Reason why trials are not done.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Reason {
     /// The parts are stored, with other seeds.
@@ -28,20 +28,20 @@ pub enum Reason {
     Changed {
         /// The differing leaves; never empty.
         differences: Vec<Difference>,
-        /// The stored seeds, where the trial's is not among them.
+        /// The stored seeds, if the trial's is not among them.
         new_seed: Option<BTreeSet<u64>>,
     },
-    /// Artifacts that it takes from other trials are new, by the names of their entries.
+    /// Some artifacts that the trial takes come from new trials, given by the names of their entries.
     Takes(BTreeSet<String>),
     /// No stored trial shares at least two of the three plugins.
     NothingLikeIt,
     /// The worker process was killed from outside.
     Killed,
-    /// The trial ended in this state, and would end so again.
+    /// The trial ended in this state, and would end the same way again.
     Failed(EndState),
 }
 
-/// Trials of one cell that are not done for one reason.
+/// Trials of one cell that are not done for the same reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Novelty {
     /// Name of the environment in the study.
@@ -56,8 +56,8 @@ pub struct Novelty {
     pub reason: Reason,
 }
 
-/// Why each trial that is not done is not done, by cell and reason, in the order of the plan; those of
-/// cross-play are left out.
+/// The reason why each missing trial is not done, by cell and reason, in the order of the plan; trials of cross-play
+/// are left out.
 ///
 /// `ends` has one entry per trial.
 #[must_use]
@@ -84,10 +84,10 @@ pub fn novelties(
         .collect()
 }
 
-/// A trial that is to run, and how it ended where it did.
+/// A trial that is to run, and its end state if it has ended.
 type PendingTrial<'a> = (&'a Trial, Option<EndState>);
 
-/// Neighbours of one cell together, cell after cell: a plan may have a million trials, and few of one cell.
+/// Groups neighbouring trials of one cell: a plan may have a million trials, but few of one cell.
 fn by_cell<'a>(
     pending: impl Iterator<Item = PendingTrial<'a>>,
 ) -> impl Iterator<Item = Vec<PendingTrial<'a>>> {
@@ -106,7 +106,7 @@ fn is_of_cell(one: &Trial, other: &Trial) -> bool {
     Arc::ptr_eq(&one.cell, &other.cell) || one.cell.combination == other.cell.combination
 }
 
-/// The entries that a trial takes from and that are new themselves.
+/// Names of the entries that a trial takes from and that are new themselves.
 fn new_sources(trial: &Trial, new: &HashMap<&str, &Trial>) -> BTreeSet<String> {
     let taken = trial.key.taken_by_name();
     taken
@@ -157,7 +157,7 @@ fn of_cell(cell: &[PendingTrial<'_>], new: &HashMap<&str, &Trial>, search: &mut 
     reasons.into_iter().map(named).collect()
 }
 
-/// Why these seeds of a combination are not stored.
+/// The reasons why these seeds of a combination are not stored.
 fn of_absent(search: &mut Search<'_>, key: &TrialKey, seeds: &[u64]) -> Vec<(Reason, Vec<u64>)> {
     if seeds.is_empty() {
         return Vec::new();

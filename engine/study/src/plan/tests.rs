@@ -1,4 +1,4 @@
-//! Reasons over keys alone: no store, no registry.
+//! Reasons computed from keys, without a store or a registry.
 
 use super::{Estimate, Novelty, Reason, StoredCell, Took, estimate, explain, novelties, to_json};
 use contract::{
@@ -161,7 +161,7 @@ fn the_nearest_is_the_one_with_the_fewest_differing_leaves() {
     agent(&mut far).version = 7;
     let near = edited(|key| Arc::make_mut(&mut key.protocol), "/episodes", json!(10));
     let known = [stored(far, &[0, 1, 2, 3]), stored(near, &[0, 1])];
-    // A seed counts as one leaf: with it the near one still has fewer differences.
+    // A seed counts as one leaf: even so, the near one has fewer differences.
     assert_eq!(
         reasons(&key(), 0..3, &known),
         [
@@ -169,7 +169,7 @@ fn the_nearest_is_the_one_with_the_fewest_differing_leaves() {
             "2: protocol.episodes: 10 -> 50, new seed (stored: 0-1)"
         ]
     );
-    // Among equally near ones, the one that has the seed.
+    // Among equally near ones, the one that has the seed is chosen.
     let other = edited(|key| Arc::make_mut(&mut key.protocol), "/steps", json!(9));
     let near = edited(|key| Arc::make_mut(&mut key.protocol), "/episodes", json!(10));
     let known = [stored(other, &[2]), stored(near, &[0, 1])];
@@ -272,7 +272,7 @@ fn one_reason_for_all_cells_is_one_line() {
     assert_eq!(explain(&[]), "");
 }
 
-/// An estimate for two trials; stored are one trial of 60 s and `others`.
+/// An estimate for two trials from one stored trial of 60 s and `others`.
 fn estimated(key: &TrialKey, others: &[StoredCell]) -> Estimate {
     let timed = |key, wall_s| StoredCell {
         took: Took::once(wall_s),

@@ -153,7 +153,7 @@ fn special_values_of_the_normal_distribution() {
     }
 }
 
-/// Tests the special cases of IEEE 754, as the C library has them.
+/// Tests the special cases of IEEE 754 against the C library.
 #[test]
 fn powers_of_special_numbers_are_those_of_the_c_library() {
     let numbers = [
@@ -262,8 +262,8 @@ proptest! {
         let x = normal::quantile(tail);
         // The relative slope of a tail at x is about |x|.
         prop_assert!((normal::cdf(x) / tail - 1.0).abs() < 2e-15 * (1.0 + x * x));
-        // The difference 1 - tail is rounded by 2^-54 at most, which the slope of the quantile, one over the density,
-        // makes larger.
+        // The difference 1 - tail is rounded by at most 2^-54, which is multiplied by the slope of the quantile, one
+        // over the density.
         let slope = (0.5 * std::f64::consts::TAU.ln() + 0.5 * x * x).exp();
         let rounded = slope * 0.5_f64.powi(54);
         let off = (normal::quantile(1.0 - tail) + x).abs();

@@ -15,7 +15,7 @@ use plan::Expression;
 pub struct Draw<'e> {
     /// Allocation `[rows, n]`, each row a point of the simplex.
     pub action: Expression<'e>,
-    /// Logarithm of the action `[rows, n]`; exact where `action` has underflowed, down to its floor.
+    /// Logarithm of the action `[rows, n]`; exact even if `action` has underflowed, down to its floor.
     pub log_action: Expression<'e>,
 }
 
@@ -163,8 +163,8 @@ mod tests {
         assert_close(&gradient, &host.collect::<Vec<_>>().concat(), 1e-9);
     }
 
-    /// The entropy is minus the mean log density, so minus the log density of draws, differentiated through
-    /// both of its arguments, has the entropy's gradient as its mean.
+    /// The entropy is minus the mean log density. Minus the log density of draws, differentiated through both of its
+    /// arguments, therefore has the entropy's gradient as its mean.
     #[test]
     fn the_pathwise_gradient_of_the_log_density_is_the_entropys() {
         let alpha = [2.0, 0.8, 4.0];

@@ -2,7 +2,7 @@
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
-//! | mu, ln sigma | the two halves of `head`, as of [`super::squashed`] | `[rows, n]` each |
+//! | mu, ln sigma | the two halves of `head`, as in [`super::squashed`] | `[rows, n]` each |
 //! | x ~ N(mu, sigma) | `candidate` | `[rows, n]` |
 //! | a = softmax x | `action` | `[rows, n]` |
 //! | ln N(x; mu, sigma) | [`candidate_density`] | `[rows, 1]` |
@@ -15,8 +15,8 @@ use super::squashed::{Draw, candidate, log_sd, mean};
 use crate::gaussian::HALF_LN_TWO_PI;
 use plan::Expression;
 
-/// Draws one action per row of `head` `[rows, 2 n]`. The log density is that of the **candidate**, which ordinary code
-/// takes for that of the action.
+/// Draws one action per row of `head` `[rows, 2 n]`. The log density is that of the **candidate**, which common
+/// implementations use as that of the action.
 #[must_use]
 pub fn sample(head: Expression<'_>) -> Draw<'_> {
     let (candidate, log_density) = candidate(mean(head), log_sd(head));

@@ -1,7 +1,7 @@
 //! Batch normalisation of a network's inputs.
 //!
-//! Ioffe and Szegedy 2015, "Batch normalization", arXiv:1502.03167, algorithm 1, on the inputs alone; scale and shift
-//! are learned.
+//! Ioffe and Szegedy 2015, "Batch normalization", arXiv:1502.03167, algorithm 1, applied only to the inputs; scale and
+//! shift are learned.
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -10,10 +10,9 @@
 //! | gamma, beta | `NAME.norm.weight` (starts at 1), `NAME.norm.bias` (starts at 0) of the state | `[1, columns]` |
 //! | epsilon | [`EPSILON`] | scalar |
 //!
-//! `y = gamma (x - mu_B) / sqrt(sigma_B^2 + epsilon) + beta`; gradients also flow through the moments. Where
-//! single rows are evaluated (a policy that acts), [`RunningMoments`] replace those of the batch:
-//! `NAME.running_mean` and
-//! `NAME.running_variance` of the state, which `RunningMoments::absorb` moves and no optimiser.
+//! `y = gamma (x - mu_B) / sqrt(sigma_B^2 + epsilon) + beta`; gradients also flow through the moments. If single rows
+//! are evaluated (a policy that acts), [`RunningMoments`] replace those of the batch: `NAME.running_mean` and
+//! `NAME.running_variance` of the state, which are changed by `RunningMoments::absorb` and by no optimiser.
 
 use super::network::Network;
 use super::state_file::{restore_network, restore_vector, store_network, store_vector};
@@ -46,7 +45,7 @@ pub struct RunningMoments {
 #[derive(Debug, Clone, Copy)]
 struct Moments<'e> {
     mean: Expression<'e>,
-    /// Inputs less their mean.
+    /// Inputs minus their mean.
     centred: Expression<'e>,
     /// Biased variance.
     variance: Expression<'e>,
@@ -70,11 +69,11 @@ fn inverse_sd(variance: Expression<'_>) -> Expression<'_> {
 }
 
 impl NormalisedNetwork {
-    /// Describes a network with layer sizes `sizes` (input first, output last), the parameters `NAME.mlp`, and,
-    /// where it normalises its inputs, `NAME.norm`.
+    /// Describes a network with layer sizes `sizes` (input first, output last), the parameters `NAME.mlp`, and, if it
+    /// normalises its inputs, `NAME.norm`.
     ///
     /// # Panics
-    /// As [`Network::new`].
+    /// In the cases of [`Network::new`].
     #[must_use]
     pub fn new(name: &str, sizes: &[usize], activations: &[Activation], normalises: bool) -> Self {
         Self {
@@ -123,7 +122,7 @@ impl NormalisedNetwork {
         })
     }
 
-    /// Outputs as [`NormalisedNetwork::by_batch`]; the running moments move towards those of the inputs.
+    /// Outputs like those of [`NormalisedNetwork::by_batch`]; the running moments move towards those of the inputs.
     #[must_use]
     pub fn by_batch_absorbed<'e>(&self, x: Expression<'e>, running: &RunningMoments) -> Expression<'e> {
         if !self.normalises {
@@ -157,7 +156,7 @@ impl NormalisedNetwork {
         centred * (inverse_sd(variance) * parameter(&names[0])) + parameter(&names[1])
     }
 
-    /// Names of scale and shift; none where inputs are not normalised.
+    /// Names of scale and shift; none if inputs are not normalised.
     fn norm_names(&self) -> Vec<String> {
         let parts = ["weight", "bias"].into_iter().filter(|_| self.normalises);
         parts.map(|part| format!("{}.norm.{part}", self.name)).collect()
@@ -198,7 +197,7 @@ impl NormalisedNetwork {
     /// Stores the parameters in a policy file, under their names.
     ///
     /// # Panics
-    /// Where the state lacks a parameter.
+    /// If the state lacks a parameter.
     pub fn store(&self, state: &State<f32>, file: &mut TensorFile) {
         store_network(&self.network, self.network.name(), state, file);
         for name in self.norm_names() {
@@ -206,10 +205,10 @@ impl NormalisedNetwork {
         }
     }
 
-    /// Restores the parameters that [`NormalisedNetwork::store`] wrote; the optimiser stays as it is.
+    /// Restores the parameters that [`NormalisedNetwork::store`] wrote; the optimiser is not changed.
     ///
     /// # Errors
-    /// [`TensorFileError`] where a parameter is missing or has another shape.
+    /// [`TensorFileError`] if a parameter is missing or has another shape.
     pub fn restore(&self, state: &mut State<f32>, file: &TensorFile) -> Result<(), TensorFileError> {
         let mut norm = self.norm_names().into_iter();
         norm.try_for_each(|name| restore_vector(&name, self.n_inputs(), state, file))?;
@@ -253,7 +252,7 @@ impl RunningMoments {
     /// Stores the moments in a policy file, under their names.
     ///
     /// # Panics
-    /// Where the state lacks them.
+    /// If the state lacks them.
     pub fn store(&self, state: &State<f32>, file: &mut TensorFile) {
         self.names()
             .iter()
@@ -263,7 +262,7 @@ impl RunningMoments {
     /// Restores the moments that [`RunningMoments::store`] wrote.
     ///
     /// # Errors
-    /// [`TensorFileError`] where they are missing or of another number of inputs.
+    /// [`TensorFileError`] if they are missing or of another number of inputs.
     pub fn restore(&self, state: &mut State<f32>, file: &TensorFile) -> Result<(), TensorFileError> {
         let mut names = self.names().into_iter();
         names.try_for_each(|name| restore_vector(&name, self.n_inputs, state, file))
@@ -337,7 +336,7 @@ mod tests {
         );
     }
 
-    /// Gradients in scale, shift and the inputs, which are a parameter here.
+    /// Gradients with respect to scale, shift and the inputs, which are a parameter here.
     #[test]
     fn gradients_agree_with_finite_differences() {
         let (network, running, mut state) = passing(true);

@@ -22,7 +22,7 @@ impl Network {
     /// per layer.
     ///
     /// # Panics
-    /// Where the number of activations is neither that of the layers nor that of the hidden ones.
+    /// If the number of activations is neither that of the layers nor that of the hidden ones.
     #[must_use]
     pub fn new(name: impl Into<String>, sizes: &[usize], activations: &[Activation]) -> Self {
         assert!(
@@ -141,7 +141,7 @@ impl Network {
         &self.sizes
     }
 
-    /// Activation of each hidden layer, and of the last layer where it has one.
+    /// Activation of each hidden layer, and of the last layer if it has one.
     #[must_use]
     pub fn activations(&self) -> &[Activation] {
         &self.activations
@@ -165,7 +165,7 @@ pub fn parameters<'e>(networks: &[Network], equations: &'e Equations) -> Vec<Exp
     of_each.collect::<Vec<_>>().concat()
 }
 
-/// The lower one of two critics' values.
+/// The lower of two critics' values.
 #[must_use]
 pub fn lower<'e>([first, second]: &[Network; 2], x: Expression<'e>) -> Expression<'e> {
     first.apply(x).min(second.apply(x))

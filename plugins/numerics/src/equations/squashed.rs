@@ -10,7 +10,7 @@
 //!
 //! The limits of ln sigma are those of public code of soft actor-critic (Haarnoja et al. 2018, arXiv:1812.05905). Some
 //! of that code adds 1e-6 to `1 - a^2` ([`Correction::Softened`]), which keeps the density of a saturated action
-//! bounded; the exact form needs no such number: `ln(1 - tanh(x)^2) = 2 (ln 2 - x - softplus(-2 x))`.
+//! bounded. The exact form needs no such number: `ln(1 - tanh(x)^2) = 2 (ln 2 - x - softplus(-2 x))`.
 
 use crate::gaussian::HALF_LN_TWO_PI;
 use plan::Expression;
@@ -18,7 +18,7 @@ use plan::Expression;
 /// Limits of ln sigma.
 pub const LOG_SD_LIMITS: [f64; 2] = [-20.0, 2.0];
 const SMALL: f64 = 1e-6;
-/// Factor of a stored action before the inverse of tanh, so that an action on the boundary has a finite candidate.
+/// Factor of a stored action before the inverse of tanh, which gives an action on the boundary a finite candidate.
 const INSIDE: f64 = 0.9999;
 
 /// Derivative of the squashing in a density.
@@ -54,8 +54,8 @@ pub fn log_sd(head: Expression<'_>) -> Expression<'_> {
     head.columns(n / 2..n).clamp(LOG_SD_LIMITS[0], LOG_SD_LIMITS[1])
 }
 
-/// Candidate `x = mu + sigma epsilon` `[rows, n]` and its log density `[rows, 1]`, which depends on ln sigma alone
-/// along the draw.
+/// Candidate `x = mu + sigma epsilon` `[rows, n]` and its log density `[rows, 1]`, which depends only on ln sigma along
+/// the draw.
 #[must_use]
 pub fn candidate<'e>(mean: Expression<'e>, log_sd: Expression<'e>) -> (Expression<'e>, Expression<'e>) {
     let noise = mean.equations().normal(mean.shape());
@@ -92,7 +92,7 @@ fn log_slope(x: Expression<'_>, correction: Correction) -> Expression<'_> {
     match correction {
         Correction::Exact => (x + (x * -2.0).softplus() - std::f64::consts::LN_2) * -2.0,
         Correction::Softened => {
-            // 1 - tanh(x)^2 by way of e^(-2 |x|): the difference from a rounded tangent near one would have no
+            // 1 - tanh(x)^2 computed from e^(-2 |x|): the difference from a rounded tangent near one would have no
             // digits left.
             let e = (x.abs() * -2.0).exp();
             (e * 4.0 / (e + 1.0).square() + SMALL).ln()

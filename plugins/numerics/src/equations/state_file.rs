@@ -21,10 +21,10 @@ pub fn store(state: &State<f32>, file: &mut TensorFile) {
     file.header[COUNTS] = json!(state.counts());
 }
 
-/// Restores the state that [`store`] wrote, with its optimisers in place of those of `state`.
+/// Restores the state that [`store`] wrote, and replaces the optimisers of `state` by its own.
 ///
 /// # Errors
-/// [`TensorFileError`] where a parameter is missing or has another shape; the state then stays as it is.
+/// [`TensorFileError`] if a parameter is missing or has another shape; the state is then unchanged.
 pub fn restore(state: &mut State<f32>, file: &TensorFile) -> Result<(), TensorFileError> {
     let counts = serde_json::from_value(file.header[COUNTS].clone());
     let counts: std::collections::BTreeMap<String, u64> =
@@ -56,10 +56,10 @@ pub fn restore(state: &mut State<f32>, file: &TensorFile) -> Result<(), TensorFi
 }
 
 /// Restores the parameters of a network from the tensors `PREFIX.layers.k.weight` and `.bias` of a policy file; its
-/// optimiser stays as it is.
+/// optimiser is not changed.
 ///
 /// # Errors
-/// [`TensorFileError`] where a parameter is missing or has another shape; the state then stays as it is.
+/// [`TensorFileError`] if a parameter is missing or has another shape; the state is then unchanged.
 pub fn restore_network(
     network: &Network,
     prefix: &str,
@@ -80,7 +80,7 @@ pub fn restore_network(
 /// Stores the parameters of a network as `PREFIX.layers.k.weight` and `.bias`, biases as vectors.
 ///
 /// # Panics
-/// Where the state lacks a parameter.
+/// If the state lacks a parameter.
 pub fn store_network(network: &Network, prefix: &str, state: &State<f32>, file: &mut TensorFile) {
     for (at, name) in network.parameter_names().into_iter().enumerate() {
         let shape = state.tensor(&name).map_or([0, 0], |(shape, _)| shape);
@@ -97,7 +97,7 @@ pub fn store_network(network: &Network, prefix: &str, state: &State<f32>, file: 
 /// Stores a parameter of one row as a vector, under its name.
 ///
 /// # Panics
-/// Where the state lacks it.
+/// If the state lacks it.
 pub fn store_vector(name: &str, state: &State<f32>, file: &mut TensorFile) {
     file.insert_vector(name, state.entries(name).to_vec());
 }
@@ -105,7 +105,7 @@ pub fn store_vector(name: &str, state: &State<f32>, file: &mut TensorFile) {
 /// Restores a parameter of one row with `n` entries from the tensor of its name.
 ///
 /// # Errors
-/// [`TensorFileError`] where the tensor is missing or has another shape.
+/// [`TensorFileError`] if the tensor is missing or has another shape.
 pub fn restore_vector(
     name: &str,
     n: usize,

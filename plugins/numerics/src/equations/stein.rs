@@ -18,7 +18,7 @@
 use arithmetic::double;
 use plan::Expression;
 
-/// Smallest bandwidth: below it, particles at the same place would not repel each other any more.
+/// Smallest bandwidth; below it, particles at the same place would no longer repel each other.
 pub const SMALLEST_BANDWIDTH: f64 = 1e-3;
 
 /// Direction of the moved particles.
@@ -33,7 +33,7 @@ pub struct SteinDirection<'e> {
 /// Direction phi of every moved particle of `rows` rows, which are independent of each other.
 ///
 /// # Panics
-/// Where the shapes do not fit or fewer than 2 particles of a row are held.
+/// If the shapes do not fit or fewer than 2 particles of a row are held.
 #[must_use]
 #[allow(
     clippy::cast_precision_loss,

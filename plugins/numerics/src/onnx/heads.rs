@@ -34,7 +34,7 @@ impl Policy {
     }
 }
 
-/// Layers of which the last one keeps its first `n` outputs.
+/// The layers, the last of which keeps only its first `n` outputs.
 #[must_use]
 pub fn with_first_outputs(mut layers: Vec<Dense>, n: usize) -> Vec<Dense> {
     if let Some(last) = layers.last_mut() {

@@ -20,7 +20,7 @@ pub struct Dense {
 /// Reads the layers that a network's module stored as `<prefix>.layers.<k>.weight` and `.bias`.
 ///
 /// # Errors
-/// [`TensorFileError`] where there is no layer, where one has no bias, and where shapes do not follow each other.
+/// [`TensorFileError`] if there is no layer, if one has no bias, and if shapes do not follow each other.
 pub fn dense_layers(file: &TensorFile, prefix: &str) -> Result<Vec<Dense>, TensorFileError> {
     let mut layers: Vec<Dense> = Vec::new();
     while layers.is_empty() || file.get(&weight(prefix, layers.len())).is_ok() {
@@ -59,7 +59,7 @@ impl Dense {
         }
     }
 
-    /// Layer with its first `n` outputs alone.
+    /// Layer with only its first `n` outputs.
     #[must_use]
     pub fn first_outputs(&self, n: usize) -> Self {
         let [rows, columns] = self.shape;
@@ -109,7 +109,7 @@ impl Graph {
         self.node("Gemm", &[x, &weight, &bias], &[])
     }
 
-    /// Scaled input `(x - center) / spread`, channel by channel; adds no node where that changes nothing.
+    /// Scaled input `(x - center) / spread`, channel by channel; adds no node if that changes nothing.
     pub fn scaled(&mut self, x: &Value, center: &[f64], spread: &[f64]) -> Value {
         let mut x = x.clone();
         let (near, rest): (Vec<f32>, Vec<f32>) = center.iter().map(|center| in_two_parts(*center)).unzip();
@@ -144,7 +144,7 @@ impl Graph {
     /// Learned scale and shift of inputs that running moments normalise, as one `x factor + shift`.
     ///
     /// # Errors
-    /// [`TensorFileError`] where a tensor is missing or of another length than the others.
+    /// [`TensorFileError`] if a tensor is missing or of another length than the others.
     pub fn normalised_by_moments(
         &mut self,
         x: &Value,

@@ -1,11 +1,11 @@
-//! Operators that change the layout of numbers and not their values.
+//! Operators that change the layout of numbers but not their values.
 
 use super::{
     operators::{Inputs, Settings},
     tensor::{Broadcast, ElementType, Tensor, common, count},
 };
 
-/// Axis of a number, which counts from the last axis where it is negative.
+/// Axis of a number, which counts from the last axis if it is negative.
 pub(super) fn axis_of(axis: i64, rank: usize) -> Result<usize, String> {
     let count = i64::try_from(rank).unwrap_or(i64::MAX);
     let found = if axis < 0 { axis + count } else { axis };

@@ -1,4 +1,4 @@
-//! Policies as ONNX files for runtimes that are independent of this program; and reading and running those of
+//! Policies as ONNX files for runtimes that are independent of this program, and the reading and running of those of
 //! other programs ([`Network`]).
 //!
 //! A file is one graph from `observation` `[batch, n]` to `action` `[batch, m]`, both `float32`, in the
@@ -6,10 +6,10 @@
 //! policy.
 //!
 //! Everything is computed in `float32`, as the networks are. Scaling of inputs and outputs is given in `f64`:
-//! - `(x - center) / spread` subtracts the centre in two parts, its `float32` and the remainder, so that no
-//!   digit is lost where a channel varies little around a large value; the spread is its `float32`.
-//! - `softplus(x) = max(x, 0) + 2 artanh(t / (2 + t))` with `t = e^-|x|`, which is `ln(1 + t)` to the last digits also
-//!   where `t` is small, in operators that need no `log1p`.
+//! - - `(x - center) / spread` subtracts the centre in two parts, its `float32` and the remainder, so that no digit is
+//!   lost if a channel varies little around a large value; the spread is its `float32`.
+//! - - `softplus(x) = max(x, 0) + 2 artanh(t / (2 + t))` with `t = e^-|x|`, which equals `ln(1 + t)` to the last digits
+//!   even if `t` is small, in operators that need no `log1p`.
 //!
 //! For the same `float32` observation, as an environment shows it, the actions of a runtime and of
 //! [`Policy::act`](crate::policy_file::Policy::act) differ by less than 1e-6 of the action's scale;
@@ -82,7 +82,7 @@ impl Graph {
     /// Adds a constant of a shape, the last dimension running fastest.
     ///
     /// # Panics
-    /// Where the number of entries is not the product of the shape.
+    /// If the number of entries is not the product of the shape.
     pub fn constant(&mut self, name: &str, shape: &[usize], values: &[f32]) -> Value {
         assert_eq!(
             shape.iter().product::<usize>(),
@@ -96,7 +96,7 @@ impl Graph {
     /// Adds a constant of integers, such as positions, with a shape.
     ///
     /// # Panics
-    /// Where the number of entries is not the product of the shape.
+    /// If the number of entries is not the product of the shape.
     pub fn positions(&mut self, name: &str, shape: &[usize], values: &[usize]) -> Value {
         assert_eq!(
             shape.iter().product::<usize>(),

@@ -117,12 +117,12 @@ impl Settings {
         Ok(settings)
     }
 
-    /// Real number of a setting, or `otherwise` where it is absent.
+    /// Real number of a setting, or `otherwise` if it is absent.
     pub(super) fn float(&self, name: &str, otherwise: f64) -> f64 {
         self.floats.get(name).copied().unwrap_or(otherwise)
     }
 
-    /// Integer of a setting, or `otherwise` where it is absent.
+    /// Integer of a setting, or `otherwise` if it is absent.
     pub(super) fn whole(&self, name: &str, otherwise: i64) -> i64 {
         self.wholes
             .get(name)
@@ -320,7 +320,7 @@ fn constant(settings: &Settings) -> Result<Tensor, String> {
     }
 }
 
-/// Dropout drops nothing where a policy acts.
+/// Dropout drops nothing when a policy acts.
 fn dropout(inputs: &Inputs<'_>) -> Result<Tensor, String> {
     match inputs.maybe(2) {
         Some(trains) if trains.values != [0.0] => {
@@ -351,7 +351,7 @@ fn clip(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, String> {
 
 fn chosen(inputs: &Inputs<'_>) -> Result<Tensor, String> {
     let (condition, one, two) = (inputs.at(0)?, inputs.at(1)?, inputs.at(2)?);
-    // The condition replaces entries that are not chosen by 0, whatever their value.
+    // The condition replaces entries that are not chosen by 0, even if they are not finite.
     let first = condition.with(one, one.kind, |is, x| if is != 0.0 { x } else { 0.0 })?;
     let second = condition.with(two, two.kind, |is, x| if is != 0.0 { 0.0 } else { x })?;
     first.with(&second, one.kind, |a, b| a + b)

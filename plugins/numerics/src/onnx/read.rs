@@ -65,7 +65,7 @@ pub struct Network {
 struct Port {
     place: usize,
     kind: ElementType,
-    /// Length of a row, where the file states it.
+    /// Length of a row, if the file states it.
     width: Option<usize>,
     /// Whether a row has a leading dimension for the batch.
     is_batch: bool,
@@ -137,7 +137,7 @@ impl Network {
         })
     }
 
-    /// Number of entries of an input row, where the file states it.
+    /// Number of entries of an input row, if the file states it.
     #[must_use]
     pub fn width(&self) -> Option<usize> {
         self.input.width

@@ -27,8 +27,8 @@ pub(super) fn gemm(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, S
     Ok(Tensor::new(a.kind, product.shape, product.values))
 }
 
-/// Product of two matrices. A vector counts as a row in front and as a column behind. Leading dimensions of
-/// the first matrix count as rows.
+/// Product of two matrices. A vector counts as a row if it comes first and as a column if it comes second. Leading
+/// dimensions of the first matrix count as rows.
 pub(super) fn matmul(a: &Tensor, b: &Tensor) -> Result<Tensor, String> {
     let is_column = b.shape.len() == 1;
     let (before, inner) = match a.shape.split_last() {
@@ -50,7 +50,7 @@ pub(super) fn matmul(a: &Tensor, b: &Tensor) -> Result<Tensor, String> {
     Ok(Tensor::new(a.kind, shape, found.values))
 }
 
-/// Product of two matrices, in double precision where one of them is.
+/// Product of two matrices, in double precision if one of them has it.
 fn product(a: &Tensor, b: &Tensor) -> Result<Tensor, String> {
     let (&[rows, inner], &[other, columns]) = (&a.shape[..], &b.shape[..]) else {
         return Err(format!(
@@ -252,8 +252,8 @@ pub(super) fn argmax(settings: &Settings, tensor: &Tensor) -> Result<Tensor, Str
     ))
 }
 
-/// Operator `LayerNormalization`: each row from the axis on, less its mean, divided by its deviation, scaled
-/// and shifted.
+/// Operator `LayerNormalization`: each row from the axis on, minus its mean, divided by its deviation, scaled and
+/// shifted.
 #[allow(clippy::cast_precision_loss, reason = "lengths are far below 2^52")]
 pub(super) fn layer_normalised(settings: &Settings, inputs: &Inputs<'_>) -> Result<Tensor, String> {
     let (tensor, epsilon) = (inputs.at(0)?, settings.float("epsilon", 1e-5));

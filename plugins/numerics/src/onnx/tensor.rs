@@ -1,8 +1,8 @@
 //! Tensors of a network that is read: numbers of every kind as `f64`, rounded to the kind after each
 //! operation.
 //!
-//! Products of `float32` are those of [`arithmetic::products`], so that a policy that an agent left has the sums here that it
-//! had there. The order of terms is fixed, so that a row has the same bits in every batch.
+//! Products of `float32` are those of [`arithmetic::products`], so that a policy of an agent has the same sums here as
+//! in the agent. The order of terms is fixed, so that a row has the same bits in every batch.
 
 use super::messages;
 
@@ -165,8 +165,7 @@ fn raw(data_type: i32, bytes: &[u8]) -> Vec<f64> {
     }
 }
 
-/// Largest accepted number of entries of a tensor. Policies are far smaller, and a damaged file may ask for
-/// any.
+/// Largest accepted number of entries of a tensor. Policies are far smaller, and a damaged file may ask for any number.
 const MOST_ENTRIES: usize = 1 << 26;
 
 /// Number of entries of a shape.

@@ -35,7 +35,7 @@ fn constant(model: &Model, name: &str) -> Vec<f32> {
     tensor.raw_data.chunks(4).map(four).collect()
 }
 
-/// Old runtimes do not support newer versions: the requirements of a file may change on purpose only.
+/// Old runtimes do not support newer versions, so the requirements of a file may only be changed deliberately.
 #[test]
 fn a_file_states_its_requirements_and_properties() {
     let model = message(&policy(vec![0.0; 2], vec![1.0; 2]));

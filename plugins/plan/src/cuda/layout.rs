@@ -122,7 +122,7 @@ impl Layout {
         self.places.len()
     }
 
-    /// Memory for a partial result of entries of `f32`, or of half as many of `f64`; its number.
+    /// Reserves memory for a partial result of entries of `f32`, or of half as many of `f64`; returns its number.
     pub(super) fn add_partial(&mut self, length: usize) -> usize {
         let first = self.reserve(length);
         self.places.push(Some(Place::Values(first)));
@@ -168,7 +168,7 @@ impl Layout {
     }
 }
 
-/// An input or an output behind others.
+/// An input or an output that follows others.
 fn named(graph: &Graph, value: Value, first: usize) -> Span {
     let node = &graph.nodes[value.0];
     Span {

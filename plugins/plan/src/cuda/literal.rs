@@ -1,4 +1,4 @@
-//! The kernels of a routine run literally on the processor, for tests: the same text, compiled by a compiler of C++, one
+//! Runs the kernels of a routine literally on the processor, for tests: the same text, compiled by a C++ compiler, one
 //! block and one thread after the other.
 
 use super::{Batch, Kernels};
@@ -7,7 +7,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Compiler of C++.
+/// C++ compiler.
 pub const COMPILER: &str = "c++";
 
 /// Whether [`COMPILER`] is on the path.
@@ -24,10 +24,10 @@ pub struct Literal {
 }
 
 impl Literal {
-    /// Compiles the kernels to a file that is not there yet.
+    /// Compiles the kernels to a file that does not exist yet.
     ///
     /// # Errors
-    /// [`Error`] where no [`COMPILER`] is found, or it fails.
+    /// [`Error`] if no [`COMPILER`] is found, or it fails.
     pub fn new(kernels: &Kernels, program: &Path) -> Result<Self, Error> {
         let source = program.with_extension("cpp");
         std::fs::write(&source, kernels.host_program())?;
@@ -43,10 +43,10 @@ impl Literal {
         }
     }
 
-    /// Runs the routine; `states` are those of all members, one after the other. Returns the outputs of each run.
+    /// Runs the routine; `states` contains those of all members, one after the other. Returns the outputs of each run.
     ///
     /// # Errors
-    /// [`Error`] where the program fails.
+    /// [`Error`] if the program fails.
     pub fn run(&self, states: &mut [f32], batch: &Batch<'_>) -> Result<Vec<f32>, Error> {
         let n_members = states.len().checked_div(batch.state_size).unwrap_or(0);
         let counts = [n_members, batch.state_size, batch.members.len()].map(count);
@@ -91,7 +91,7 @@ impl Literal {
     }
 }
 
-/// A command that no signal to the group of this process reaches.
+/// A command that does not receive signals to the group of this process.
 fn apart(program: &Path) -> Command {
     let mut command = Command::new(program);
     command.process_group(0);

@@ -1,12 +1,12 @@
 //! The routines of a plan as kernels for a card, in CUDA C++, for all members of a population at once.
 //!
-//! Every operation has the order of sums that the processor has, so that a member's bits are those of a trial alone:
-//! an entry of a product is a chain of fused multiply-adds over `k`, one thread computes it, and neither tiles nor
-//! the number of members enter. A block works for one member. No two threads add to one number.
+//! Every operation sums in the order of the processor, so that a member's bits are those of a trial alone: an entry of
+//! a product is a chain of fused multiply-adds over `k`, computed by one thread, and depends neither on tiles nor on
+//! the number of members. A block works for one member. No two threads add to the same number.
 //!
 //! | file | contents |
 //! |---|---|
-//! | `device.cuh`, `host.hpp` | the words in which kernels are written, for a card and for a processor |
+//! | `device.cuh`, `host.hpp` | the macros in which kernels are written, for a card and for a processor |
 //! | [`arithmetic::cuda`] | the functions that they call |
 //! | `product.cuh`, `operations.cuh` | operations of a plan |
 //! | `parts` | operations of one routine as texts |
@@ -14,7 +14,7 @@
 //! | [`literal`] | the kernels on a processor, for tests |
 //! | `layout` | places of values in a member's memory |
 //!
-//! The texts depend on shapes alone. Operations without dependencies between them share a kernel, a *wave*, whose
+//! The texts depend only on shapes. Operations without dependencies between them share a kernel, called a *wave*, whose
 //! blocks are those of its operations one after the other.
 
 mod layout;
@@ -34,7 +34,7 @@ use std::fmt::Write;
 
 pub use layout::{Leaf, Span, size};
 
-/// Threads of a block of every kernel.
+/// Number of threads of a block of every kernel.
 pub const THREADS: usize = 256;
 
 const DEVICE: &str = include_str!("device.cuh");
@@ -68,10 +68,10 @@ pub struct Wave {
     pub blocks: usize,
 }
 
-/// A step of Adam, whose two rates a run has to bring.
+/// A step of Adam, whose two rates a run must provide.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Descent {
-    /// Name of the parameter, by which a state counts its steps.
+    /// Name of the parameter, for which a state counts its steps.
     pub parameter: String,
     /// Name of the learning rate, and its first value.
     pub learning_rate: (String, f64),
@@ -88,7 +88,7 @@ pub struct Batch<'a> {
     pub state_size: usize,
     /// First entry in a member's state of each tensor of the routine.
     pub tensors: &'a [u32],
-    /// The member of each run. None occurs twice.
+    /// The member of each run. No member occurs twice.
     pub members: &'a [u32],
     /// Words of each run, of [`Kernels::prepare`].
     pub runs: &'a [&'a [u32]],
@@ -120,7 +120,7 @@ impl Kernels {
     /// Writes the kernels of a routine.
     ///
     /// # Errors
-    /// [`NoKernel`] where the routine has an operation of another crate.
+    /// [`NoKernel`] if the routine has an operation of another crate.
     pub fn new(graph: &Graph, routine: Routine) -> Result<Self, NoKernel> {
         let kernels = crate::kernels::kernels(graph, routine.0);
         let mut layout = Layout::new(graph, &kernels);
@@ -147,7 +147,7 @@ impl Kernels {
     /// Adds moments that a state lacks, counts its steps, and returns the words of a run.
     ///
     /// # Panics
-    /// Where the state lacks a parameter or has another shape of it.
+    /// If the state lacks a parameter or has another shape of it.
     pub fn prepare(&self, state: &mut State<f32>, seed: u64) -> Vec<u32> {
         self.add_moments(state);
         let halves = [seed & 0xffff_ffff, seed >> 32].map(|half| u32::try_from(half).unwrap_or(0));
@@ -168,7 +168,7 @@ impl Kernels {
     /// Adds moments that a state lacks, as zeros.
     ///
     /// # Panics
-    /// Where the state lacks a parameter or has another shape of it.
+    /// If the state lacks a parameter or has another shape of it.
     pub fn add_moments(&self, state: &mut State<f32>) {
         for leaf in &self.tensors {
             state.place(&leaf.name, leaf.shape, leaf.is_moment);
@@ -181,7 +181,7 @@ impl Kernels {
         [DEVICE, &self.body()].concat()
     }
 
-    /// A program in C++ that runs the kernels literally on a processor; `host_main.hpp` says what it reads and writes.
+    /// A program in C++ that runs the kernels literally on a processor; `host_main.hpp` documents its input and output.
     #[must_use]
     pub fn host_program(&self) -> String {
         let mut run = String::from("\nstatic void run_all(const Population p) {\n");
@@ -228,7 +228,8 @@ fn descents(graph: &Graph, routine: Routine) -> Vec<Descent> {
     descents.collect()
 }
 
-/// Operations by the first wave in which all that they read is there and nobody reads or writes their results.
+/// Assigns each operation to the first wave in which its operands are computed and no other operation reads or writes
+/// its results.
 fn waves(parts: Vec<Part>, cells: usize) -> (Vec<Wave>, String) {
     let (mut written, mut read) = (vec![0; cells], vec![0; cells]);
     let mut of_waves: Vec<Vec<Part>> = Vec::new();
@@ -302,7 +303,7 @@ fn write_wave(text: &mut String, name: &str, parts: &[Part], functions: &mut Fun
     *text += "}\n";
 }
 
-/// A number in `f32` as it stands in C.
+/// A number in `f32` as written in C.
 fn single(number: f64) -> String {
     #[allow(clippy::cast_possible_truncation, reason = "the nearest f32 is meant")]
     let number = number as f32;

@@ -57,7 +57,7 @@ impl Writer<'_> {
         (format!("float *{name}"), self.layout.address(value.0))
     }
 
-    /// Adds a text of one thread an entry, in which the first two operands are `a` and `b` and the result is `c`.
+    /// Adds a text with one thread per entry, in which the first two operands are `a` and `b` and the result is `c`.
     fn add_entries(&mut self, n: usize, reads: &[Value], result: Value, text: &str) -> &mut Part {
         let mut parameters = vec![self.written("c", result)];
         parameters.extend(
@@ -145,11 +145,11 @@ impl Writer<'_> {
         Ok(())
     }
 
-    /// Draws, sums and moves of one thread an entry.
+    /// Text of draws, sums and moves with one thread per entry.
     fn drawn_or_moved(&self, value: Value) -> String {
         let node = &self.graph.nodes[value.0];
         let columns = node.shape[1];
-        // Draws alone have no operands.
+        // Only draws have no operands.
         let operand = node.operands.first().copied().unwrap_or(value);
         let [rows, width] = self.graph.shape(operand);
         match node.operation {
@@ -272,7 +272,7 @@ impl Writer<'_> {
         );
     }
 
-    /// Adds sums of blocks until one is left, which is written to a memory or to one of its own; its number.
+    /// Adds sums of blocks until one is left, which is written to the given memory or to a new one; returns its number.
     fn add_sums(
         &mut self,
         [mut function, others]: [&str; 2],
@@ -364,7 +364,7 @@ impl Writer<'_> {
     }
 }
 
-/// A function of a name.
+/// A function of an expression, as text.
 fn map(function: Function, x: &str) -> String {
     match function {
         Function::Repeat | Function::Stop => x.into(),
@@ -394,7 +394,7 @@ fn map(function: Function, x: &str) -> String {
     }
 }
 
-/// A function of two expressions.
+/// A function of two expressions, as text.
 fn combine(pair: Pair, a: &str, b: &str) -> String {
     match pair {
         Pair::Add => format!("{a} + {b}"),

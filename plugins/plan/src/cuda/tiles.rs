@@ -1,10 +1,10 @@
-//! Sizes of the tiles of products. They change the time of a product, and no bit.
+//! Sizes of the tiles of products. They affect the time of a product, but no bit of it.
 
 /// A tile `[rows, columns]`.
 struct Tile {
     rows: usize,
     columns: usize,
-    /// Estimated time of an entry by that of the largest tile: loads count for more in small ones.
+    /// Estimated time of an entry relative to the largest tile: loads count more in small ones.
     cost: f64,
 }
 

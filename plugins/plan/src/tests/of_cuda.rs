@@ -304,7 +304,7 @@ fn sums_and_moves() {
     for (at, result) in results.into_iter().enumerate() {
         graph.output(&format!("result {at}"), result);
     }
-    // Gradients bring scattered and placed entries.
+    // Gradients add scattered and placed entries.
     let (part, gathered) = (graph.columns(y, 2..5), graph.gather(y, positions));
     let (part, gathered) = (graph.mul(part, part), graph.mul(gathered, index));
     let (part, gathered) = (graph.sum(part), graph.sum(gathered));
@@ -398,7 +398,7 @@ fn an_operation_of_another_crate_has_no_kernel() {
     );
 }
 
-/// Independent operations share a wave, and an update waits for all that read the parameter before it.
+/// Independent operations share a wave, and an update waits for everything that reads the parameter before it.
 #[test]
 fn waves_keep_the_order_of_reads_and_writes() {
     let mut graph = Graph::new();

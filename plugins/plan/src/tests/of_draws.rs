@@ -1,4 +1,4 @@
-//! Draws of a plan: on what an entry depends, moments, and the slope of log-gamma draws.
+//! Draws of a plan: the dependences of an entry, moments, and the slope of log-gamma draws.
 
 use super::*;
 use arithmetic::draws::{self, GOLDEN, Stream, WordStream, mix};
@@ -171,7 +171,7 @@ fn log_gamma_draws_have_the_mean_and_the_slope_of_digamma() {
     }
 }
 
-/// The slope passes through what is before and after the draw: that of `sum w ln x` with shapes `softplus(y)`.
+/// The slope passes through the operations before and after the draw: that of `sum w ln x` with shapes `softplus(y)`.
 #[test]
 fn the_slope_of_a_log_gamma_draw_is_a_factor_of_the_chain_rule() {
     let (shape, entries) = ([4, 3], numbers(12, 1, [-3.0, 4.0]));

@@ -3,7 +3,7 @@
 use super::*;
 use crate::{Backward, Descent, Equations, Expression, Extension};
 
-/// `a b` entry by entry, where `b` may count as a constant.
+/// `a b` entry by entry; `b` may count as a constant.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Products {
     pub(super) is_constant: bool,
@@ -46,7 +46,7 @@ impl Extension for Products {
 const FREE: Products = Products { is_constant: false };
 const CONSTANT: Products = Products { is_constant: true };
 
-/// Gradients of a loss in two parameters, by an extension and by operations of this crate.
+/// Gradients of a loss with respect to two parameters, by an extension and by operations of this crate.
 fn gradients(write: for<'e> fn([Expression<'e>; 2]) -> Expression<'e>) -> Vec<Vec<f32>> {
     let equations = Equations::new();
     let leaves = ["a", "b"].map(|name| equations.parameter(name, [3, 4]));
@@ -83,7 +83,7 @@ fn a_constant_operand_has_no_gradient() {
 #[test]
 fn gradients_agree_with_finite_differences_as_far_as_single_precision_goes() {
     let loss = |graph: &mut Graph, leaves: &[Value], seed| {
-        // A step of the difference is 1e-5, so a factor of 1e4 brings it far above the rounding of f32.
+        // A step of the difference is 1e-5, so a factor of 1e4 makes it much larger than the rounding of f32.
         let [a, b] = [0, 1].map(|at| graph.scale(leaves[at], 1e4));
         let product = graph.apply(FREE, &[a, b]);
         let product = graph.scale(product, 1e-8);

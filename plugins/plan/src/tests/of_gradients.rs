@@ -338,7 +338,7 @@ proptest! {
         }
     }
 
-    /// The gradient of a gradient: a penalty on the slope of a network in its input.
+    /// The gradient of a gradient: a penalty on the slope of a network with respect to its input.
     #[test]
     fn of_gradients(rows in 1..4_usize, hidden in 1..5_usize, seed: u64) {
         let inputs = [&[([rows, 2], [-1.0, 1.0])][..], &network_inputs(2, hidden, 1)].concat();
@@ -477,7 +477,7 @@ fn differences_find_a_wrong_gradient_and_accept_a_right_one() {
     };
     let (right, wrong) = (error(false), error(true));
     assert!(right < 1e-9, "{right:e}");
-    // Half of the gradient is stopped, so that the largest entry lacks as much as it has.
+    // Half of the gradient is stopped, so that the largest entry lacks half of its value.
     assert!((wrong - 1.0).abs() < 1e-6, "{wrong}");
 }
 

@@ -62,7 +62,8 @@ fn ranks_are_those_of_the_sorted_row() {
     assert!(text.contains("rank 3 of `x` [20, 3]"), "{text}");
 }
 
-/// The places and ranked entries stay where an entry moves a little, and a ranked one is a constant of the gradient.
+/// The places and ranked entries do not change if an entry moves a little, and a ranked one is a constant of the
+/// gradient.
 #[test]
 fn no_gradient_passes_an_order() {
     let equations = Equations::new();

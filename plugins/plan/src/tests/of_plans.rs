@@ -27,7 +27,7 @@ pub(super) fn regression(is_update_first: bool) -> Graph {
         let _ = graph.routine("act");
         let action = graph.dense(x, target, b, Activation::Relu);
         graph.output("action", action);
-        // Nothing reads it.
+        // Its result is never read.
         let _ = graph.exp(action);
     };
     let order: [&dyn Fn(&mut Graph); 2] = if is_update_first {
@@ -229,8 +229,8 @@ fn assert_refused(cases: &[(&str, Build)]) {
 }
 
 proptest! {
-    /// Random entrywise operations, products and sums of earlier values: with the last value alone read, buffers are
-    /// shared and loops keep little; with every value read, nothing is shared.
+    /// Random entrywise operations, products and sums of earlier values. If only the last value is read, buffers are
+    /// shared and loops keep little; if every value is read, nothing is shared.
     #[test]
     fn shared_buffers_and_loops_change_no_bit(
         choices in prop::collection::vec((0..9_usize, 0..64_usize, 0..64_usize), 1..40),

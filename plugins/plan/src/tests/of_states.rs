@@ -128,7 +128,7 @@ fn a_restored_plan_continues_to_the_same_bits() {
     }
     assert_eq!(digest(&one, &state), digest(&other, &restored));
     assert_eq!(restored.steps("w"), 4);
-    // A state may be made of the parts of another one, too.
+    // A state may also be composed of the parts of another one.
     let mut third = State::default();
     for (name, shape, entries) in state.tensors() {
         third.insert(name, shape, entries.to_vec());
@@ -236,7 +236,7 @@ fn a_number_of_the_state_replaces_that_of_the_graph() {
     state.set_number("rate", 0.1);
     processor.run("update", &mut state);
     assert_ne!(bits(state.entries("w")), before);
-    // The number that the graph has is the same.
+    // The number in the graph is the same.
     let [mut with, mut without] = [other.clone(), other.clone()];
     with.set_number("rate", 0.1);
     other.set_number("rate", 0.05);

@@ -26,7 +26,7 @@ pub(super) struct Candidate {
     /// The environment's metrics, each reduced over the episode.
     #[serde(with = "exact")]
     pub(super) metrics: Vec<f64>,
-    /// Whether the design is complete; false where the agent gave it up before its end.
+    /// Whether the design is complete; false if the agent gave it up before its end.
     pub(super) whole: bool,
 }
 
@@ -125,7 +125,7 @@ impl Candidates {
     }
 }
 
-/// Builds a given design whatever it observes; for everything else it is the agent that searched.
+/// Builds a given design independent of its observations; for everything else it is the agent that searched.
 pub(super) struct DesignReplay {
     agent: Box<dyn Agent>,
     actions: Vec<Vec<f64>>,
@@ -176,7 +176,7 @@ impl Agent for DesignReplay {
     }
 }
 
-/// Takes the place of the agent while [`DesignReplay`] owns it.
+/// Replaces the agent while [`DesignReplay`] owns it.
 pub(super) struct PlaceholderAgent;
 
 impl Agent for PlaceholderAgent {

@@ -14,7 +14,7 @@ pub(super) enum DesignValue {
 }
 
 impl DesignValue {
-    /// The metric of this name among the environment's; the return where no name is given.
+    /// The metric with this name among the environment's; the return if no name is given.
     ///
     /// # Errors
     /// [`Error::Config`] for a metric that the environment does not have.
@@ -31,7 +31,7 @@ impl DesignValue {
             .ok_or_else(|| Error::config("by", unknown(by, metrics)))
     }
 
-    /// Compares two designs; the greater one is the better one.
+    /// Compares two designs; the greater one is better.
     pub(super) fn compare(&self, one: &Candidate, other: &Candidate) -> Ordering {
         let ascending = self.of(one).total_cmp(&self.of(other));
         match self {
@@ -40,7 +40,7 @@ impl DesignValue {
         }
     }
 
-    /// Metric and value of a chosen design, for those who read the choice; `None` where the return decided.
+    /// Metric and value of a chosen design, for readers of the choice; `None` if the return decided.
     pub(super) fn observed(&self, candidate: &Candidate) -> Option<Observed> {
         match self {
             Self::Return => None,

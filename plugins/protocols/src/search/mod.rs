@@ -5,15 +5,15 @@
 //! budget counts steps, since a step is the expensive unit. The agent may learn between steps and between
 //! designs; the state of the search is recorded after every design:
 //!
-//! | recorded | phase | of which design |
+//! | recorded | phase | design |
 //! |---|---|---|
 //! | `candidate_return`, `candidate_<metric>` | evaluate | the design that was just tried |
 //! | `return`, `episode_length`, the environment's metrics | evaluate | the best design so far, as it was
 //! observed |
 //! | the same | final | the chosen design, built again on random numbers that the search never used |
 //!
-//! Designs are compared by their return, or by the metric that `by` names: an environment may reward progress,
-//! that is the score less that at the start of the episode, while the search is for the score.
+//! Designs are compared by their return, or by the metric that `by` names: an environment may reward progress, which is
+//! the score less that at the start of the episode, while the search is for the score.
 //!
 //! The best of many noisy observations overestimates its design, so the final row is the one to compare. A
 //! trial leaves all designs as a dataset, the best ones as `choice.json`, and the drawings of the chosen design
@@ -44,8 +44,8 @@ use std::path::Path;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Search {
-    /// Evaluations in all, that is steps of the environment. A design under way when they are spent is
-    /// finished.
+    /// Total number of evaluations, which are steps of the environment. A design that is incomplete when they are spent
+    /// is finished.
     #[schemars(range(min = 1), extend("x-unit" = "evaluations"))]
     pub evaluations: u64,
     /// Choice of the design for the final measurement.
@@ -257,7 +257,7 @@ struct SearchState {
     design: DesignUnderWay,
 }
 
-/// Observations, actions, rewards and metrics so far of the design under way.
+/// Observations, actions, rewards and metrics so far of the incomplete design.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 struct DesignUnderWay {
     #[serde(with = "exact")]
@@ -295,7 +295,7 @@ impl SearchState {
         Ok(search)
     }
 
-    /// Whether no step of the design under way was taken yet.
+    /// Whether no step of the next design was taken yet.
     fn between_designs(&self) -> bool {
         self.design.actions.is_empty()
     }
@@ -319,7 +319,7 @@ impl SearchState {
         )
     }
 
-    /// Takes one step, that is one evaluation.
+    /// Takes one step, which is one evaluation.
     fn advance(&mut self, run: &mut Run<'_>, design_value: &DesignValue) -> Result<(), Error> {
         let at = self.design.actions.len();
         let observation = self.observation(run, at);

@@ -4,8 +4,7 @@ use super::*;
 use crate::claim::parse;
 use proptest::prelude::*;
 
-/// Evaluates `text` where agent `a` has `left` and `b` has `right`, both with seeds counted from the given
-/// first one.
+/// Evaluates `text`; agent `a` has `left` and `b` has `right`, both with seeds counted from the given first one.
 fn outcome(text: &str, (first_a, a): (u64, &[f64]), (first_b, b): (u64, &[f64])) -> ClaimVerdict {
     evaluate(
         &parse(text).unwrap(),
@@ -96,7 +95,7 @@ fn what_differs_too_little_to_matter_is_equivalent() {
     ] {
         assert_eq!(word(text, min_effect), expected, "{text} {min_effect:?}");
     }
-    // Fewer seeds show that a difference does not matter than which of the two is ahead.
+    // Fewer seeds are needed to show that a difference does not matter than to show which side is ahead.
     let [direction, alike] = [None, Some(0.65)].map(|min_effect| held("a.x > 10", min_effect).more_seeds);
     assert!(alike.unwrap() < direction.unwrap(), "{alike:?} {direction:?}");
 }
@@ -143,7 +142,7 @@ fn seeds_that_make_no_difference_decide() {
     assert_eq!(word("a.x > b.x", &[2.5], &[1.5]), "INCONCLUSIVE");
 }
 
-/// Three successes of three occur with probability 0.73 where one in ten fails.
+/// Three successes of three occur with probability 0.73 if one in ten fails.
 #[test]
 fn counts_that_are_alike_decide_nothing() {
     let verdict = outcome("a.x > 0.9", (0, &[1.0, 1.0, 1.0]), (0, &[]));
@@ -160,8 +159,8 @@ fn counts_that_are_alike_decide_nothing() {
     assert_eq!(word("a.x > b.x", &[2.0, 3.0, 2.0], &[0.0; 3]), "SUPPORTED");
 }
 
-/// Three runs each, imported and so not paired. The right side is uncertain too: its edge of 110 % is left with
-/// an interval that reaches beyond 0, though the difference lies within a tenth of the right mean.
+/// Three runs each, imported and so not paired. The right side is uncertain too: its edge of 110 % is left with an
+/// interval that reaches beyond 0, although the difference lies within a tenth of the right mean.
 #[test]
 fn a_margin_in_percent_of_seeds_has_edges_that_they_move() {
     let (a, b) = ([-19.1, -18.4, -18.63], [-17.5, -18.3, -18.2]);
@@ -183,7 +182,7 @@ fn a_margin_in_percent_of_seeds_has_edges_that_they_move() {
     assert_eq!((above_low, above_high), (&by_hand(1.1), &by_hand(0.9)));
     let interval = above_low.interval(0.9).unwrap();
     assert_eq!(verdict.verdict == ClaimOutcome::Supported, interval.low >= 0.0);
-    // A number on the right has edges that stay.
+    // A number on the right has fixed edges.
     assert_eq!(word("a.x within 10 % of -18.5", &a, &[]), "SUPPORTED");
     assert_eq!(word(text, &[1.0, 1.1, 1.2], &[9.0, 9.5, 9.1]), "REFUTED");
     assert_eq!(
@@ -214,7 +213,7 @@ proptest! {
     }
 }
 
-/// Own seeds add nothing to three runs of others whose spread decides.
+/// Further seeds of the study add nothing if the spread of three imported runs decides.
 #[test]
 fn no_seed_is_asked_for_that_cannot_be_added() {
     let own = [10.1, 10.3, 10.2, 10.0, 10.4];
@@ -311,11 +310,11 @@ fn shares_of_successes_are_no_means() {
         (two.verdict, two.paired, two.difference),
         (ClaimOutcome::Supported, false, Some(0.9))
     );
-    // Ten seeds without any success are no proof that there never is one.
+    // Ten seeds without any success do not prove that there never is one.
     assert_eq!(claim("b.success < 0.1").verdict, ClaimOutcome::Inconclusive);
 }
 
-/// The number of fresh seeds that would decide is of use where the plan has none left.
+/// The number of fresh seeds that would decide is useful once the plan has none left.
 #[test]
 fn a_design_says_how_many_seeds_would_decide_after_its_last_look() {
     let design = Some(statistics::spending::SequentialDesign::new(vec![3, 6]));

@@ -54,7 +54,7 @@ impl Distribution {
         &self.mean + self.step * (&self.axes * noise)
     }
 
-    /// Moves the distribution to a generation, whose draws stand from the best to the worst.
+    /// Moves the distribution towards a generation, whose draws are sorted from the best to the worst.
     pub(super) fn learn(&mut self, ranked: &[DVector<f64>]) {
         let steps: Vec<DVector<f64>> = ranked
             .iter()
@@ -82,8 +82,8 @@ impl Distribution {
         mean
     }
 
-    /// Adds a step of the mean to both paths. The path of the covariance waits while the other one is long; whether it
-    /// is short is returned.
+    /// Adds a step of the mean to both paths. The path of the covariance waits while the other one is long; returns
+    /// whether that one is short.
     fn follow(&mut self, mean_step: &DVector<f64>) -> bool {
         let Rates {
             step_path: c_sigma,
@@ -122,7 +122,7 @@ impl Distribution {
             .iter()
             .zip(&self.rates.weights)
             .map(|(step, weight)| {
-                // A negative weight takes away no more than the covariance has along the step.
+                // A negative weight removes no more than the covariance has along the step.
                 let length = if *weight < 0.0 {
                     self.whitened(step).norm_squared()
                 } else {
@@ -153,8 +153,8 @@ impl Distribution {
         self.lengths = eigenvalues.map(|value| value.max(0.0).sqrt());
     }
 
-    /// Whether the distribution is a point, a needle or beyond all numbers, so that its draws tell nothing new.
-    /// `spread` is the standard deviation at the beginning.
+    /// Whether the distribution is a point, a needle or not finite, so that its draws give nothing new. `spread` is the
+    /// initial standard deviation.
     pub(super) fn is_degenerate(&self, spread: f64) -> bool {
         const SMALLEST_STEP: f64 = 1e-12;
         const LARGEST_STEP: f64 = 1e4;

@@ -1,16 +1,16 @@
-//! Ends of a run of CMA-ES that its values show: they are all the same, or have stopped becoming better.
+//! Ends of a run of CMA-ES that its values show: they are all equal, or have stopped improving.
 //!
 //! N. Hansen, "The CMA Evolution Strategy: A Tutorial", arXiv:1604.00772v1 (2016), section B.3.
 
 use statistics::estimators::median;
 
-/// Differences of values that do not count.
+/// Largest difference of values that counts as none.
 const FLAT: f64 = 1e-12;
 
 /// The best and the median value of each generation so far.
 #[derive(Debug, Clone)]
 pub(super) struct Ending {
-    /// `n / lambda`: keys for each draw of a generation.
+    /// `n / lambda`: number of keys for each draw of a generation.
     keys_per_draw: f64,
     best: Vec<f64>,
     medians: Vec<f64>,
@@ -25,7 +25,7 @@ impl Ending {
         }
     }
 
-    /// Adds a generation's values, which stand from the best to the worst, and says whether the run is over.
+    /// Adds a generation's values, sorted from the best to the worst, and returns whether the run is over.
     pub(super) fn is_reached(&mut self, values: &[f64]) -> bool {
         self.best.push(values[0]);
         self.medians.push(median(values));

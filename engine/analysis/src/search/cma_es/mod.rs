@@ -1,8 +1,8 @@
-//! Covariance matrix adaptation (CMA-ES, Hansen and Ostermeier 2001): settings are drawn from a normal distribution
+//! Covariance matrix adaptation (CMA-ES, Hansen and Ostermeier 2001). Settings are drawn from a normal distribution
 //! over the shares of the ranges, which moves to the better ones of each generation and takes their shape.
 //!
-//! The state is not stored. It is computed anew from the stored values by doing every generation again, in order, until
-//! one has a setting without a value. A setting that is drawn again is not tried again: its value counts once more.
+//! The state is not stored. It is computed from the stored values by repeating every generation, in order, until one
+//! has a setting without a value. A setting that is drawn again is not tried again: its value counts once more.
 
 mod distribution;
 mod ending;
@@ -17,11 +17,12 @@ use std::collections::{HashMap, HashSet};
 
 /// Value of a setting that failed: worse than all others.
 const FAILED: f64 = f64::MAX;
-/// Generations without a new setting after which the search begins anew, with twice the population.
+/// Number of generations without a new setting after which the search restarts with twice the population.
 const MOST_IDLE_GENERATIONS: usize = 50;
-/// Beginnings after which the remaining settings are drawn by chance, as in a small space that is nearly exhausted.
+/// Number of starts after which the remaining settings are drawn at random, as in a small space that is nearly
+/// exhausted.
 const MOST_BEGINNINGS: u64 = 12;
-/// Draws by chance for each setting before those that were tried are drawn again.
+/// Number of random draws for each setting before settings that were tried are used again.
 const MOST_DRAWS: usize = 100;
 
 /// Covariance matrix adaptation.
@@ -46,8 +47,8 @@ impl Default for CmaEs {
     }
 }
 
-/// The settings in the order in which they are asked for, up to the first generation of which a value is missing, and
-/// at most `n_settings`. A value is missing where `known` has none for the setting; the larger a value, the better.
+/// The settings in the order in which they are asked for, up to the first generation with a missing value, and at most
+/// `n_settings`. A value is missing if `known` has none for the setting. Larger values are better.
 pub(super) fn settings(
     options: &CmaEs,
     space: &[Range],
@@ -66,8 +67,8 @@ pub(super) fn settings(
     asked.points
 }
 
-/// Asks for generation after generation until the search ends or nothing more can be asked. Each beginning has twice
-/// the population of the one before (IPOP, Auger and Hansen 2005).
+/// Asks for generation after generation until the search ends or nothing more can be asked. Each start has twice the
+/// population of the one before (IPOP, Auger and Hansen 2005).
 fn search_from_the_middle(
     options: &CmaEs,
     identity: &str,
@@ -130,7 +131,7 @@ impl<'a> RequestedSettings<'a> {
         }
     }
 
-    /// Whether nothing more can be asked before the asked settings have values.
+    /// Whether nothing more can be asked before the requested settings have values.
     fn is_done(&self) -> bool {
         self.has_unknown || self.points.len() >= self.n_settings
     }
@@ -157,7 +158,7 @@ impl<'a> RequestedSettings<'a> {
         value
     }
 
-    /// Every beginning came to an end before the settings were tried.
+    /// Fills up with random settings if every start came to an end before all settings were tried.
     fn fill_by_chance(&mut self, identity: &str) {
         let mut rng = random::stream(&["search", identity, "by chance"]);
         let mut draws = 0;
@@ -165,7 +166,7 @@ impl<'a> RequestedSettings<'a> {
             let point = tree_parzen::random(self.space, &mut rng);
             draws += 1;
             if draws > MOST_DRAWS * self.n_settings {
-                // The space is all but exhausted: the remaining settings are tried again.
+                // The space is nearly exhausted: the remaining settings are tried again.
                 self.words.clear();
             }
             self.ask(point);

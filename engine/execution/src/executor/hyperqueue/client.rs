@@ -1,5 +1,5 @@
-//! Client of HyperQueue: a small program in Python asks the server. The Python package is the part that every
-//! user can install; it has client, server and worker.
+//! Client of HyperQueue: a small program in Python that sends requests to the server. The Python package is used
+//! because every user can install it; it contains client, server and worker.
 
 use super::request::Job;
 use crate::{
@@ -21,20 +21,20 @@ pub struct Client<'a> {
     pub directory: &'a str,
     /// Longest time until an answer.
     pub limit: Duration,
-    /// The wish to stop, which ends a wait before its limit.
+    /// The stop request, which ends a wait before its limit.
     pub stop: &'a Stop,
 }
 
-/// Tasks of jobs, as the server at the directory counts them.
+/// Tasks of jobs, as the server of the directory counts them.
 #[derive(Debug, Deserialize)]
 pub struct Counts {
-    /// The server's own name, which tells it from a later server at the same directory.
+    /// The server's own name, which distinguishes it from a later server of the same directory.
     pub server: String,
     /// Jobs by their numbers; a job that the server does not know is absent.
     pub jobs: BTreeMap<u64, Count>,
 }
 
-/// Ended tasks of a job, by how they ended.
+/// Ended tasks of a job, by end state.
 #[derive(Debug, Clone, Copy, Deserialize)]
 pub struct Count {
     total: usize,
@@ -72,11 +72,11 @@ enum ServerReply<T> {
 }
 
 impl Client<'_> {
-    /// Hands over a request. A request that the server took before is not handed over again.
+    /// Submits a request. A request that the server already took is not submitted again.
     ///
     /// # Errors
-    /// [`Error::Refused`] where there is no package, no server, or a server that says no; [`Error::Busy`] or
-    /// [`Error::Silent`] where it does not answer.
+    /// [`Error::Refused`] if there is no package or no server, or the server refuses; [`Error::Busy`] or
+    /// [`Error::Silent`] if it does not answer.
     pub fn submit(&self, request: &Path) -> Result<Job, Error> {
         self.call("submit", request.as_os_str())
     }
@@ -84,7 +84,7 @@ impl Client<'_> {
     /// Counts of ended tasks of these jobs.
     ///
     /// # Errors
-    /// As [`submit`](Self::submit).
+    /// The errors of [`submit`](Self::submit).
     pub fn count(&self, jobs: &[u64]) -> Result<Counts, Error> {
         self.call("count", format!("{jobs:?}").as_ref())
     }
@@ -115,7 +115,7 @@ fn no_python(python: &str, source: &std::io::Error) -> Error {
     }
 }
 
-/// The answer of a client that ended half-way.
+/// The error about the answer of a client that ended prematurely.
 fn unreadable(out: &str, err: &[u8]) -> Error {
     let err = String::from_utf8_lossy(err);
     let mut lines = err.lines().chain(out.lines());

@@ -1,11 +1,10 @@
-//! Workers as tasks of HyperQueue, which brings machines of its own, or those of PBS and Slurm by its automatic
+//! Workers as tasks of HyperQueue, which uses machines of its own, or those of PBS and Slurm by its automatic
 //! allocation.
 //!
-//! The client of its package hands over and counts; it neither lists jobs by name nor cancels them. So the number that
-//! the server gave lies beside the record, with the server's own name, since a server without a journal begins again
-//! at 1. Tasks find out themselves that they are cancelled: a worker that belongs to a submission reads its
-//! record, does not begin where its trials are no longer waited for, and leaves once the submission is
-//! cancelled.
+//! The client of its package submits and counts; it neither lists jobs by name nor cancels them. The number that the
+//! server gave is therefore stored beside the record, with the server's own name, since a server without a journal
+//! starts again at 1. Tasks find out themselves whether they are cancelled: a worker that belongs to a submission reads
+//! its record, does not begin if its trials are no longer needed, and exits once the submission is cancelled.
 
 mod client;
 mod options;
@@ -44,7 +43,7 @@ pub fn kind() -> ExecutorKind {
     }
 }
 
-/// A job of a submission, and the array that it is.
+/// A job of a submission, and its array.
 struct AcceptedJob<'a> {
     submission: &'a Submission,
     array: usize,
@@ -62,7 +61,7 @@ impl HyperQueue {
     }
 
     fn request(&self, submission: &Submission, array: usize) -> String {
-        // Numbers, words and paths are all in JSON; paths were words of a command line.
+        // Numbers, words and paths can all be written as JSON; paths were words of a command line.
         let request = Request::of(submission, array, &self.options);
         serde_json::to_string_pretty(&request).unwrap_or_default() + "\n"
     }
@@ -85,7 +84,7 @@ impl Executor for HyperQueue {
         true
     }
 
-    /// The request that would be handed over.
+    /// The request that would be submitted.
     fn written(&self, wanted: &Wanted<'_>) -> Result<String, Error> {
         let tasks = super::tasks_for(wanted.trials, self.trials_per_task()).max(1);
         let most = self.options.max_tasks();
@@ -104,7 +103,7 @@ impl Queue for HyperQueue {
     }
 
     fn options(&self) -> Value {
-        // Options are numbers, words and lists of words, and JSON has all of these.
+        // Options are numbers, strings and lists of strings, which JSON can represent.
         serde_json::to_value(&self.options).unwrap_or_default()
     }
 
@@ -121,7 +120,7 @@ impl Queue for HyperQueue {
         self.options.max_tasks()
     }
 
-    /// HyperQueue runs every task as soon as there are machines, and starts those of lost machines again.
+    /// HyperQueue runs every task as soon as there are machines, and restarts those of lost machines.
     fn most_tasks(&self) -> usize {
         self.options.max_tasks()
     }
@@ -156,8 +155,7 @@ impl Queue for HyperQueue {
         Ok(self.client(stop).submit(script)?.text())
     }
 
-    /// Nothing is sent to the server: tasks read the record of their submission, which says next that it is
-    /// cancelled.
+    /// Nothing is sent to the server: tasks read the record of their submission, which is marked as cancelled next.
     fn cancel(&self, _: &str, _: bool, _: &Stop) -> Result<(), Error> {
         Ok(())
     }
@@ -179,7 +177,7 @@ fn handed(submissions: &[Submission]) -> Result<Vec<AcceptedJob<'_>>, Error> {
     Ok(all)
 }
 
-/// The living tasks of a job; the tasks of another server ended with it.
+/// The living tasks of a job; tasks of another server ended with that server.
 fn living(handed: &AcceptedJob<'_>, counts: &Counts) -> Vec<Task> {
     let known = counts.jobs.get(&handed.job.job);
     let Some(count) = known.filter(|_| handed.job.server == counts.server) else {
@@ -196,8 +194,8 @@ fn living(handed: &AcceptedJob<'_>, counts: &Counts) -> Vec<Task> {
     states(*count, begun).map(task).collect()
 }
 
-/// States of living tasks. The client does not tell which of them run: running tasks have begun and not
-/// ended.
+/// States of living tasks. The client does not report which of them run; running tasks are those that have begun and
+/// not ended.
 fn states(count: Count, begun: usize) -> impl Iterator<Item = &'static str> {
     let running = begun.saturating_sub(count.ended());
     (0..count.alive()).map(move |place| if place < running { "RUNNING" } else { "PENDING" })

@@ -21,18 +21,18 @@ pub struct HyperQueueOptions {
     pub cpus_per_task: Option<NonZeroUsize>,
     /// Graphics cards of one task, as the resource `gpus/nvidia`; none.
     pub gpus_per_task: Option<NonZeroUsize>,
-    /// Seconds that a worker of HyperQueue must still have of its time limit when it is given a task; 0. A task is not
-    /// begun at the end of an allocation then.
+    /// Seconds that a worker of HyperQueue must still have of its time limit when it is given a task; 0. Tasks then do
+    /// not begin at the end of an allocation.
     pub min_time_s: Option<NonZeroU32>,
-    /// Tasks that are handed over and have not ended; 100.
+    /// Largest number of tasks that are submitted and have not ended; 100.
     pub max_tasks: Option<NonZeroUsize>,
-    /// How many missing trials are worth a task; 4 for each of its cores.
+    /// Number of missing trials for each task; 4 for each of its cores.
     pub trials_per_task: Option<NonZeroUsize>,
-    /// Submissions in a row that may end without finishing a trial; 20.
+    /// Number of consecutive submissions that may end without finishing a trial; 20.
     pub resubmissions: Option<usize>,
-    /// How often the server is asked, in seconds; 5.
+    /// Interval between two requests to the server, in seconds; 5.
     pub poll_s: Option<NonZeroU32>,
-    /// How long an answer may take, in seconds; 60. A question that takes longer is ended and asked again.
+    /// Longest time until an answer, in seconds; 60. A request that takes longer is ended and repeated.
     pub answer_s: Option<NonZeroU32>,
     /// Lines of shell before the worker starts, as in `["module load cuda"]`.
     pub setup: Option<Vec<String>>,
@@ -57,26 +57,26 @@ impl HyperQueueOptions {
         self.cpus_per_task.unwrap_or(NonZeroUsize::MIN)
     }
 
-    /// Tasks that are handed over and have not ended.
+    /// Largest number of tasks that are submitted and have not ended.
     #[must_use]
     pub fn max_tasks(&self) -> usize {
         self.max_tasks.map_or(100, NonZeroUsize::get)
     }
 
-    /// Missing trials that are worth a task.
+    /// Number of missing trials for each task.
     #[must_use]
     pub fn trials_per_task(&self) -> NonZeroUsize {
         self.trials_per_task
             .unwrap_or_else(|| four_each(self.cpus_per_task()))
     }
 
-    /// Fruitless submissions in a row before giving up.
+    /// Number of consecutive fruitless submissions before giving up.
     #[must_use]
     pub fn resubmissions(&self) -> usize {
         self.resubmissions.unwrap_or(20)
     }
 
-    /// Seconds between two questions to the server.
+    /// Seconds between two requests to the server.
     #[must_use]
     pub fn poll_s(&self) -> f64 {
         self.poll_s.map_or(5.0, |seconds| f64::from(seconds.get()))
@@ -88,7 +88,7 @@ impl HyperQueueOptions {
         Duration::from_secs(self.answer_s.map_or(60, NonZeroU32::get).into())
     }
 
-    /// Refuses values that would mean something else in another folder, or nothing at all.
+    /// Refuses values that would mean something else in another folder, or have no effect.
     ///
     /// # Errors
     /// [`Error::Option`] with the key.

@@ -13,7 +13,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The tasks of one job, which are all alike.
+/// The tasks of one job, which are all equal.
 #[derive(Debug, Serialize)]
 pub struct Request {
     /// Name that the job carries.
@@ -44,7 +44,7 @@ pub struct Job {
 }
 
 impl Job {
-    /// Server and number, for people.
+    /// Server and number, for users.
     #[must_use]
     pub fn text(&self) -> String {
         format!("{}@{}", self.job, self.server)
@@ -68,7 +68,7 @@ impl Request {
     }
 }
 
-/// Shell script of a task. HyperQueue starts it again where its worker was lost; its log is continued then.
+/// Shell script of a task. HyperQueue restarts it if its worker was lost; its log is then continued.
 fn script(submission: &Submission, array: usize, options: &HyperQueueOptions) -> String {
     let log = submission.folder().join(log_name(array));
     let mut lines = vec![format!(
@@ -76,7 +76,7 @@ fn script(submission: &Submission, array: usize, options: &HyperQueueOptions) ->
         quoted(&log.to_string_lossy())
     )];
     lines.extend(options.setup.iter().flatten().cloned());
-    // `exec` makes the worker the task itself: HyperQueue ends that one only.
+    // `exec` makes the worker the task itself, since HyperQueue ends only that process.
     lines.push(format!(
         "exec {} --submission {}",
         submission.work.command(),
@@ -93,10 +93,10 @@ fn note(submission: &Submission, array: usize) -> PathBuf {
     submission.folder().join(format!("array-{array}.job"))
 }
 
-/// The job of an array; `None` where no server took it.
+/// The job of an array; `None` if no server took it.
 ///
 /// # Errors
-/// Where the note cannot be read.
+/// The note cannot be read.
 pub fn job(submission: &Submission, array: usize) -> Result<Option<Job>, Error> {
     let path = note(submission, array);
     let damaged = |source: serde_json::Error| Error::Damaged {

@@ -20,24 +20,24 @@ const ENDED: [&str; 10] = [
     "TIMEOUT",
 ];
 
-/// Reasons of waiting tasks that are not shown: none, and that enough of the same array run.
+/// Reasons for waiting that are not shown: none, and that enough tasks of the same array run.
 const SILENT: [&str; 3] = ["", "None", "JobArrayTaskLimit"];
 
 /// The commands of Slurm, with their time limits.
 pub struct Client<'a> {
-    /// Longest time until a question is answered.
+    /// Longest time until a request is answered.
     pub answer: Duration,
     /// Longest time until a submission is answered.
     pub submit: Duration,
-    /// The wish to stop, which ends a wait before its limit.
+    /// The stop request, which ends a wait before its limit.
     pub stop: &'a Stop,
 }
 
 impl Client<'_> {
-    /// The tasks of jobs with these names that Slurm knows of. It forgets ended ones after some minutes.
+    /// The tasks of jobs with these names that Slurm knows. It forgets ended ones after some minutes.
     ///
     /// # Errors
-    /// [`Error::Busy`] or [`Error::Silent`] where the controller does not answer.
+    /// [`Error::Busy`] or [`Error::Silent`] if the controller does not answer.
     pub fn tasks(&self, names: &[String]) -> Result<Vec<Task>, Error> {
         if names.is_empty() {
             return Ok(Vec::new());
@@ -60,11 +60,11 @@ impl Client<'_> {
     /// Submits a script and returns the job's id.
     ///
     /// # Errors
-    /// [`Error::Refused`] where Slurm says no, [`Error::Busy`] or [`Error::Silent`] where the controller does not
-    /// answer; the job may exist even then.
+    /// [`Error::Refused`] if Slurm refuses, [`Error::Busy`] or [`Error::Silent`] if the controller does not answer; the
+    /// job may exist even then.
     pub fn submit(&self, script: &Path) -> Result<String, Error> {
         let answer = self.call("sbatch", &[OsStr::new("--parsable"), script.as_os_str()])?;
-        // A federation adds `;cluster`.
+        // A federation appends `;cluster`.
         let id = answer
             .lines()
             .last()
@@ -83,10 +83,10 @@ impl Client<'_> {
         Ok(id.into())
     }
 
-    /// The cluster's `MaxArraySize`; `None` where its configuration does not show one.
+    /// The cluster's `MaxArraySize`; `None` if its configuration does not show one.
     ///
     /// # Errors
-    /// [`Error::Busy`] or [`Error::Silent`] where the controller does not answer.
+    /// [`Error::Busy`] or [`Error::Silent`] if the controller does not answer.
     pub fn max_array_size(&self) -> Result<Option<usize>, Error> {
         let config = self.call("scontrol", &["show", "config"])?;
         Ok(setting(&config, "MaxArraySize").and_then(|text| text.parse().ok()))
@@ -95,7 +95,7 @@ impl Client<'_> {
     /// Cancels the jobs of a submission: all, or those that have not started.
     ///
     /// # Errors
-    /// As [`submit`](Self::submit).
+    /// The errors of [`submit`](Self::submit).
     pub fn cancel(&self, name: &str, pending_only: bool) -> Result<(), Error> {
         let name = format!("--name={name}");
         let arguments: &[&str] = if pending_only {
@@ -158,8 +158,7 @@ fn setting<'a>(config: &'a str, name: &str) -> Option<&'a str> {
 fn command<S: AsRef<OsStr>>(program: &'static str, arguments: &[S]) -> Command {
     let mut command = Command::new(program);
     command.args(arguments);
-    // These variables stand for options: they would hide our jobs, or replace the name by which they are
-    // found.
+    // These variables set options that would hide the jobs, or replace the name by which they are found.
     let ours = |name: &str| name.starts_with("SQUEUE_") || name.starts_with("SCANCEL_");
     for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_str().is_some_and(ours)) {
         command.env_remove(name);

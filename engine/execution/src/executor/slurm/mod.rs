@@ -88,7 +88,7 @@ impl Queue for Slurm {
     }
 
     fn options(&self) -> Value {
-        // Options are numbers, words and lists of words, and JSON has all of these.
+        // Options are numbers, strings and lists of strings, which JSON can represent.
         serde_json::to_value(&self.options).unwrap_or_default()
     }
 
@@ -99,7 +99,7 @@ impl Queue for Slurm {
             .unwrap_or(USUAL_MAX_ARRAY_SIZE))
     }
 
-    /// Time for one question to the queue, one to the configuration and one submission.
+    /// Time for one request to the queue, one to the configuration and one submission.
     fn patience(&self) -> Duration {
         self.options.answer() * 2 + self.options.submit()
     }

@@ -21,26 +21,25 @@ pub struct SlurmOptions {
     pub time: Option<String>,
     /// Cores of one task, each with a worker process; 1.
     pub cpus_per_task: Option<NonZeroUsize>,
-    /// Graphics cards of one task, as `--gres=gpu:N`; none. Their kind is an argument: `["--gres=gpu:a100:1"]`.
+    /// Graphics cards of one task, as `--gres=gpu:N`; none. Set their kind by an argument: `["--gres=gpu:a100:1"]`.
     pub gpus_per_task: Option<NonZeroUsize>,
     /// Memory of one task in megabytes; the cluster's default.
     pub memory_mb: Option<NonZeroU32>,
     /// Tasks that may run at a time; 100.
     pub max_tasks: Option<NonZeroUsize>,
-    /// How many missing trials are worth a task; 4 for each of its cores.
+    /// Number of missing trials for each task; 4 for each of its cores.
     pub trials_per_task: Option<NonZeroUsize>,
-    /// How long before the time limit a task is told to hand back what it has, in seconds; 120, and at most a
-    /// quarter of `time`.
+    /// Seconds before the time limit at which a task is told to save its work; 120, and at most a quarter of `time`.
     pub signal_lead_s: Option<u64>,
-    /// Submissions in a row that may end without finishing a trial; 20.
+    /// Number of consecutive submissions that may end without finishing a trial; 20.
     pub resubmissions: Option<usize>,
-    /// How often the queue is asked, in seconds; 5.
+    /// Interval between two requests to the queue, in seconds; 5.
     pub poll_s: Option<NonZeroU32>,
-    /// How long `squeue`, `scontrol` and `scancel` may take to answer, in seconds; 60. One that takes longer is
+    /// Longest time until `squeue`, `scontrol` and `scancel` answer, in seconds; 60. A command that takes longer is
     /// ended, and the controller is asked again.
     pub answer_s: Option<NonZeroU32>,
-    /// How long `sbatch` may take, in seconds; 300. A job that was taken without an answer is found again by its
-    /// name.
+    /// Longest time until `sbatch` answers, in seconds; 300. A job that was taken without an answer is found again by
+    /// its name.
     pub submit_s: Option<NonZeroU32>,
     /// Further arguments of `sbatch`, as in `["--qos=long"]`.
     pub arguments: Option<Vec<String>>,
@@ -48,7 +47,7 @@ pub struct SlurmOptions {
     pub setup: Option<Vec<String>>,
 }
 
-/// Arguments of `sbatch` that the submission sets itself: identity, size and where logs go.
+/// Arguments of `sbatch` that the submission sets itself: identity, size and the location of logs.
 const OURS: [&str; 13] = [
     "--job-name",
     "-J",
@@ -80,7 +79,7 @@ impl SlurmOptions {
         self.max_tasks.map_or(100, NonZeroUsize::get)
     }
 
-    /// Missing trials that are worth a task.
+    /// Number of missing trials for each task.
     #[must_use]
     pub fn trials_per_task(&self) -> NonZeroUsize {
         self.trials_per_task
@@ -95,19 +94,19 @@ impl SlurmOptions {
             .unwrap_or_else(|| limit_s.map_or(LEAD_S, |limit_s| LEAD_S.min(limit_s / 4)))
     }
 
-    /// Fruitless submissions in a row before giving up.
+    /// Number of consecutive fruitless submissions before giving up.
     #[must_use]
     pub fn resubmissions(&self) -> usize {
         self.resubmissions.unwrap_or(20)
     }
 
-    /// Seconds between two questions to the queue.
+    /// Seconds between two requests to the queue.
     #[must_use]
     pub fn poll_s(&self) -> f64 {
         self.poll_s.map_or(5.0, |seconds| f64::from(seconds.get()))
     }
 
-    /// Longest time until a question is answered.
+    /// Longest time until a request is answered.
     #[must_use]
     pub fn answer(&self) -> Duration {
         seconds(self.answer_s, 60)

@@ -18,7 +18,7 @@ pub fn render(submission: &Submission, array: usize, options: &SlurmOptions) -> 
             .map(|directive| format!("#SBATCH {directive}")),
     );
     lines.extend(options.setup.iter().flatten().cloned());
-    // `exec` makes the worker the batch process itself: the early signal is sent to that one only.
+    // `exec` makes the worker the batch process itself, which alone receives the early signal.
     lines.push(format!("exec {}", work.command()));
     lines.join("\n") + "\n"
 }
@@ -65,7 +65,7 @@ fn directives(submission: &Submission, array: usize, options: &SlurmOptions) -> 
     all
 }
 
-/// A word as `sbatch` reads it behind `#SBATCH`: a shell's double quotes, without expansions.
+/// A word as `sbatch` reads it after `#SBATCH`: in a shell's double quotes, without expansions.
 fn in_double_quotes(word: &str) -> String {
     if quoted(word) == word {
         word.into()

@@ -1,10 +1,10 @@
-//! The same with a batch system in between: two programs hand tasks over and wait, the tasks are workers on
-//! machines of their own. The batch system keeps its jobs whatever becomes of the others; it may be busy, and
-//! may take a job and give no answer. Two more properties hold:
+//! The same with a batch system in between: two programs submit tasks and wait, and the tasks are workers on machines
+//! of their own. The batch system keeps its jobs, whatever happens to the others; it may be busy, and may take a job
+//! without answering. Two more properties hold:
 //!
 //! 1. No task lives without a record of its job in the store.
-//! 2. Together, the waiting programs hand over no more tasks than trials are missing, unless one of them sees
-//!    an old list of records or was halted between its look and its submission.
+//! 2. 2. Together, the waiting programs submit no more tasks than trials are missing, unless one of them sees an
+//!    outdated list of records or was halted between its check and its submission.
 //!
 //! `REGIMEN_SIM_BATCH=<seed>` runs one seed alone.
 
@@ -36,7 +36,7 @@ const WAITING: usize = 2;
 #[derive(Default)]
 struct Batch {
     jobs: Mutex<Vec<Job>>,
-    /// Largest number of living tasks; `None` where more are allowed.
+    /// Largest number of living tasks; `None` if more are allowed.
     most: Option<usize>,
 }
 
@@ -54,7 +54,7 @@ enum TaskState {
 }
 
 impl TaskState {
-    /// Whether the task still lives: a task that its machine lost is over.
+    /// Whether the task is still alive; a task that its machine lost is over.
     fn is_alive(self) -> bool {
         match self {
             TaskState::Waits => true,
@@ -243,7 +243,7 @@ impl Site {
         }
     }
 
-    /// Runs a program that hands the missing trials over and waits; true where it saw the end.
+    /// Runs a program that submits the missing trials and waits; true if it saw the end.
     fn wait(&self) -> bool {
         let ids = self.bench.trials.iter().map(|trial| trial.id.clone());
         let work = Work {
@@ -280,7 +280,7 @@ impl Site {
                 clock::sleep(Duration::from_secs(5));
                 continue;
             };
-            // A worker that fails is a task that is over; the waiting program hands over another one.
+            // A worker that fails is a task that is over; the waiting program submits another one.
             let _ = self.bench.attempt(place, &store);
             self.batch.lock()[job].tasks[task] = TaskState::Over;
         }
@@ -296,7 +296,7 @@ impl Watch for WaitingProgram<'_> {
     fn missing(&mut self) -> BTreeSet<String> {
         let store = Store::at("/store");
         let ids = self.bench.trials.iter().map(|trial| &trial.id);
-        // A trial that cannot be read in this moment counts as missing.
+        // A trial that cannot be read at this moment counts as missing.
         ids.filter(|id| store.end(id).map_or(true, |end| is_missing(end.as_ref())))
             .cloned()
             .collect()
@@ -325,7 +325,7 @@ fn what_was_handed_over_is_computed_whatever_happens() {
         assert!(outcome.is_ok(), "{trace}\n{outcome:?}");
         return;
     }
-    // Waiting programs look again and again: a seed takes some ten times as long as without them.
+    // Waiting programs check again and again, so a seed takes about ten times as long as without them.
     let failed = (0..seeds() / 10).into_par_iter().find_map_first(|seed| {
         let (_, outcome) = simulate(seed, |_| ());
         outcome

@@ -1,4 +1,4 @@
-//! The ledger of promises: each has to hold whatever happens.
+//! The ledger of promises, each of which must hold whatever happens.
 
 use crate::{store::Store, world::simulated::quietly};
 use contract::{
@@ -30,10 +30,10 @@ struct Promises {
     paused: BTreeMap<String, u64>,
     /// Number of saved steps of each trial.
     saved: BTreeMap<String, u64>,
-    /// Trials that two processes may have run at a time: each of them may go back behind the other one's
+    /// Trials that two processes may have run at the same time: each of them may return to a state before the other's
     /// checkpoint.
     shared: BTreeSet<String>,
-    /// Processes that run a trial: the place of each, its id, and the time of its last renewal.
+    /// Processes that run a trial: the place and id of each, and the time of its last renewal.
     runs: BTreeMap<String, Vec<Runner>>,
     /// Trials whose run has just begun.
     begun: BTreeSet<String>,
@@ -47,7 +47,7 @@ struct Runner {
     heard: Duration,
 }
 
-/// State of the process that asks.
+/// State of the process that calls the ledger.
 #[derive(Clone, Copy)]
 pub struct ProcessStatus {
     pub place: usize,
@@ -68,7 +68,7 @@ impl Ledger {
             .unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
-    /// Records that a process begins to run a trial. `lives` says whether a process runs.
+    /// Records that a process begins to run a trial. `lives` tells whether a process runs.
     pub fn begins(
         self: &Arc<Self>,
         trial: &str,
@@ -108,8 +108,8 @@ impl Ledger {
         TRIAL.with(|this| *this.borrow_mut() = Some((Arc::clone(self), trial.into())));
     }
 
-    /// Records that a process has renewed its leases. A process that lost its lease while it was halted
-    /// renews none by it.
+    /// Records that a process has renewed its leases. A process that lost its lease while it was halted does not renew
+    /// any with it.
     pub fn hears(&self, who: ProcessStatus) {
         if !who.has_lease {
             return;
@@ -121,7 +121,7 @@ impl Ledger {
             .for_each(|other| other.heard = who.now);
     }
 
-    /// Records that a process runs a trial no more.
+    /// Records that a process no longer runs a trial.
     pub fn leaves(&self, trial: &str, pid: u32) {
         if let Some(runs) = self.lock().runs.get_mut(trial) {
             runs.retain(|other| other.pid != pid);
@@ -133,7 +133,7 @@ impl Ledger {
         self.lock().broken.clone()
     }
 
-    /// Records that a process was told the end of a trial.
+    /// Records that the end of a trial was reported to a process.
     pub fn ends(&self, trial: &str, end: &TrialEnd) {
         let mut promises = self.lock();
         let known = promises.ended.entry(trial.into()).or_insert_with(|| end.clone());
@@ -144,14 +144,14 @@ impl Ledger {
         );
     }
 
-    /// Records that a process was told the pause of a trial.
+    /// Records that the pause of a trial was reported to a process.
     pub fn pauses(&self, trial: &str, step: u64) {
         let mut promises = self.lock();
         let known = promises.paused.entry(trial.into()).or_default();
         *known = step.max(*known);
     }
 
-    /// Records that a trial is to run from its beginning again.
+    /// Records that a trial must run from its beginning again.
     pub fn begins_anew(&self, trial: &str) {
         self.lock().saved.remove(trial);
     }
@@ -176,7 +176,7 @@ impl Ledger {
         });
     }
 
-    /// Asserts that every promised trial is in the store, whole.
+    /// Asserts that every promised trial is completely stored.
     pub fn holds(&self, store: &Store, trials: &[Trial]) {
         let ended = self.lock().ended.clone();
         for (id, end) in ended {

@@ -1,7 +1,6 @@
-//! The same with a search that pauses its trials: programs on one or several machines advance it as far as
-//! the stored trials allow, run the trials that it asks for, and try failed ones again where the failure was
-//! not their own. One more property holds: each program comes to the choice of a single program without
-//! faults.
+//! The same with a search that pauses its trials. Programs on one or several machines advance it as far as the stored
+//! trials allow, run the trials that it asks for, and try failed ones again if the failure was not their own. One more
+//! property holds: each program reaches the choice of a single program without faults.
 //!
 //! `REGIMEN_SIM_SEARCH=<seed>` runs one seed alone.
 
@@ -105,7 +104,7 @@ impl Site {
         }
     }
 
-    /// Progress of the search by the stored trials.
+    /// Progress of the search according to the stored trials.
     fn grown(&self, store: &Store) -> Result<Progress, Error> {
         let mut results = Vec::new();
         for trial in &self.bench.trials {
@@ -136,7 +135,7 @@ impl Site {
         }
     }
 
-    /// Runs the trials that the search asks for; true where it has chosen.
+    /// Runs the trials that the search asks for; true if it has chosen.
     fn run(&self, place: usize) -> bool {
         let store = Store::at("/store");
         self.bench.ledger.holds(&store, &self.bench.trials);
@@ -174,7 +173,7 @@ impl Site {
         Ok(false)
     }
 
-    /// Tries a failed trial again, as the command does that runs failed trials again.
+    /// Tries a failed trial again, like the command that runs failed trials again.
     fn try_again(&self, id: &str, store: &Store, leases: &Leases) -> Result<(), Error> {
         if leases.claim(id)? != Claim::Mine {
             return Ok(());
@@ -194,7 +193,7 @@ impl Site {
         marked
     }
 
-    /// Asserts that the stored trials alone give the choice, and that no lease is held.
+    /// Asserts that the stored trials alone determine the choice, and that no lease is held.
     fn inspect(&self) {
         let store = Store::at("/store");
         self.bench.ledger.holds(&store, &self.bench.trials);
@@ -234,7 +233,7 @@ fn simulate(
     (machine, outcome.map(|()| chosen))
 }
 
-/// The choice where nothing fails but the trials themselves.
+/// The choice if nothing fails except the trials themselves.
 fn expected() -> &'static Choice {
     static EXPECTED: OnceLock<Choice> = OnceLock::new();
     EXPECTED.get_or_init(|| {

@@ -55,7 +55,7 @@ impl Environment for Throw {
     }
 }
 
-/// Counts its learning steps; it may continue from the policy of another one.
+/// Counts its learning steps; it may continue from the policy of another trial.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct TallyConfig {
@@ -133,7 +133,7 @@ impl Agent for Tally {
     }
 
     fn learn(&mut self, _: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        // A step that was saved before this one is promised to stay.
+        // A step that was saved before this one is promised to persist.
         Ledger::of_this_trial(|ledger, trial| ledger.goes_on(trial, self.count));
         self.count += 1;
         if self.fails && self.count == 3 {

@@ -1,10 +1,9 @@
 //! Hosts that are reached with `ssh` and share no folder with this machine.
 //!
-//! Each slot of a run holds a connection to a host. It sends the host the sources of a trial and the files
-//! that the study names, has the trial run, brings its artifacts home, holds every file against its hash and
-//! writes it as if it had been computed here, all under the lease that it has in the store of this machine.
-//! So a host keeps no file that is needed: a host that dies costs the trials that it was running, which go
-//! back to the others.
+//! Each slot of a run holds a connection to a host. It sends the host the sources of a trial and the files that the
+//! study names, has the trial run, fetches its artifacts, compares every file with its hash and writes it as if it had
+//! been computed here. All of this happens under the lease in the store of this machine. No file that is needed exists
+//! only on a host: if a host dies, only the trials that it was running are lost, and they are given to the others.
 //!
 //! | file | contents |
 //! |---|---|
@@ -46,11 +45,11 @@ pub struct Host {
     shell: Vec<OsString>,
     /// Line of shell that starts the program on the host.
     line: String,
-    /// Version and source code of this program, which the host's program has to name.
+    /// Version and source code of this program, which the host's program must report too.
     program: String,
 }
 
-/// The hosts on which a run works; none where it works on this machine.
+/// The hosts on which a run works; none if it works on this machine.
 #[derive(Debug, Clone, Default)]
 pub struct Hosts {
     /// The hosts that were reached.
@@ -68,7 +67,7 @@ pub struct HostReachability {
     pub left_out: Vec<(String, String)>,
 }
 
-/// Options that every call of `ssh` gets: it may not ask a person, and a silent host counts as dead.
+/// Options of every call of `ssh`: it must not prompt, and a silent host counts as dead.
 const ALWAYS: [&str; 4] = [
     "BatchMode=yes",
     "ConnectTimeout=10",
@@ -76,7 +75,7 @@ const ALWAYS: [&str; 4] = [
     "ServerAliveCountMax=3",
 ];
 
-/// Longest time in which a host answers the first question.
+/// Longest time until a host answers the first request.
 const LOOKED_AT_WITHIN: Duration = Duration::from_secs(60);
 /// Longest time in which the program is copied to a host.
 const BROUGHT_WITHIN: Duration = Duration::from_secs(900);
@@ -101,7 +100,7 @@ impl Host {
             .args(&self.shell[1..])
             .arg(&self.line)
             .stderr(Stdio::null())
-            // Ctrl-C is for this program, which lets trials save their checkpoints over the connection.
+            // Ctrl-C must reach only this program, which lets trials save their checkpoints over the connection.
             .process_group(0);
         command
     }
@@ -113,7 +112,7 @@ impl HostReachability {
     /// identifies this program.
     ///
     /// # Errors
-    /// [`Error::File`] where this program cannot be read.
+    /// [`Error::File`] if this program cannot be read.
     pub fn reach(
         access: &Access,
         store: &Path,
@@ -156,7 +155,7 @@ impl HostReachability {
     }
 }
 
-/// Question that every host is asked.
+/// Request that every host gets.
 struct HostInquiry<'a> {
     access: &'a Access,
     program: &'a Path,
@@ -209,7 +208,7 @@ impl HostInquiry<'_> {
         })
     }
 
-    /// Copies this program to a host, where it appears whole or not at all.
+    /// Copies this program to a host, where it appears completely or not at all.
     fn bring(&self, host: &str) -> Result<(), String> {
         let (folder, name) = (quoted(&self.access.folder), &self.name);
         let program = File::open(self.program).map_err(|error| error.to_string())?;
@@ -220,8 +219,7 @@ impl HostInquiry<'_> {
             .map(drop)
     }
 
-    /// Line of shell that starts the far side, in the folder that stands for the one in which the run was
-    /// started.
+    /// Line of shell that starts the far side, in the folder that corresponds to the one in which the run was started.
     fn line(&self) -> String {
         let (folder, store) = (quoted(&self.access.folder), &self.store);
         let own = format!("\"$here\"/{}", self.name);
@@ -260,12 +258,12 @@ impl HostInquiry<'_> {
     }
 }
 
-/// Wraps a line for whatever shell the user has on the host.
+/// Wraps a line so that it works in any shell of the user on the host.
 fn in_shell(line: &str) -> String {
     format!("exec sh -c {}", quoted(line))
 }
 
-/// Whether this program runs on a system, as `uname -sm` names it.
+/// Whether this program runs on a system, given by its name from `uname -sm`.
 fn is_of(system: &str) -> bool {
     let own = format!("{} {}", std::env::consts::OS, std::env::consts::ARCH);
     system.eq_ignore_ascii_case(&own)

@@ -1,8 +1,8 @@
 //! The far side: the program on a host that runs trials for a program on another machine.
 //!
-//! It has a store of its own, in which a trial lies from its beginning until it has arrived at the other side. Other
-//! programs on the host, those of an earlier connection that broke among them, may work in the same store: a trial is
-//! run under its lease here too.
+//! It has a store of its own, which holds a trial from its beginning until it has arrived at the other side. Other
+//! programs on the host, including those of an earlier connection that broke, may work in the same store, so a trial
+//! runs under its lease here too.
 
 use super::wire::{ALIVE_EVERY, FromHost, Order, StudyFile, ToHost, broken, hear, say};
 use crate::{
@@ -58,7 +58,7 @@ impl Output {
         output.flush()
     }
 
-    /// Sends a sign of life from now on. A thread of its own sends it: a blocked connection blocks no other
+    /// Sends signs of life from now on. A separate thread sends them, since a blocked connection must not block other
     /// work.
     fn stay_alive(&self) {
         let output = self.clone();
@@ -80,10 +80,10 @@ enum Delivery {
 }
 
 impl Relay {
-    /// Works in the folder `store`, seen from the current one.
+    /// Works in the folder `store`, relative to the current one.
     ///
     /// # Errors
-    /// [`Error::File`] where that folder cannot be written.
+    /// [`Error::File`] if that folder cannot be written.
     pub fn open(store: &Path, lease_expiry: Duration) -> Result<Self, Error> {
         let program = std::env::current_exe().map_err(broken)?;
         let store = Store::at(store);
@@ -96,11 +96,11 @@ impl Relay {
         })
     }
 
-    /// Answers until the input ends. Its end while a trial runs means that the other side is gone: the process leaves
-    /// at once.
+    /// Answers until the input ends. If it ends while a trial runs, the other side is gone, and the process exits at
+    /// once.
     ///
     /// # Errors
-    /// [`Error::Worker`] where the other side is gone.
+    /// [`Error::Worker`] if the other side is gone.
     pub fn serve(
         &self,
         build: Option<&Build>,
@@ -126,7 +126,7 @@ impl Relay {
         Ok(())
     }
 
-    /// Holds the limits of the running trial, and renews the leases, as long as this process lives.
+    /// Enforces the limits of the running trial, and renews the leases, as long as this process lives.
     fn watch(&self) {
         let (process, leases) = (Arc::clone(&self.process), Arc::clone(&self.leases));
         let heartbeat = self.lease_expiry / 6;
@@ -178,7 +178,7 @@ impl Relay {
         })
     }
 
-    /// Removes a trial that is needed here no more. Checkpoints and rows of other trials stay.
+    /// Removes a trial that is no longer needed here. Checkpoints and rows of other trials are kept.
     fn remove(&self, trial: &str) -> Result<(), Error> {
         let folder = self.store.folder(trial);
         if let Claim::Held(_) = self.leases.claim(trial)? {
@@ -222,7 +222,7 @@ impl Relay {
             ..order.request
         };
         let mut progress = |done, total| {
-            // The other side may be gone, as the end of the input shows then.
+            // The other side may be gone; the end of the input then shows it.
             let _ = output.say(&FromHost::Said(Reply::Progress { done, total }));
         };
         runner.run(request, &Arc::<Limits>::new(order.limits), &mut progress)
@@ -259,7 +259,7 @@ impl Relay {
     }
 }
 
-/// Reads messages until the input ends; the word to stop goes to the process that runs at once.
+/// Reads messages until the input ends; a stop request goes to the running process at once.
 fn listen(mut input: impl BufRead, process: &WorkerProcess, sender: &mpsc::Sender<Delivery>) {
     while let Ok(Some(message)) = hear::<ToHost>(&mut input) {
         let heard = match message {
@@ -284,7 +284,7 @@ fn listen(mut input: impl BufRead, process: &WorkerProcess, sender: &mpsc::Sende
     }
 }
 
-/// Writes a file of the study where the study names it, seen from the current folder.
+/// Writes a file of the study at the path that the study gives, relative to the current folder.
 fn keep(file: &StudyFile, bytes: &[u8]) -> Result<(), Error> {
     let path = Path::new(&file.path);
     if !fs::is_inside(path) {

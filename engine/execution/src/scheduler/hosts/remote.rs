@@ -17,7 +17,7 @@ use contract::Error;
 use document::input_file;
 use std::{io, path::Path, sync::Arc};
 
-/// Runs the trials of one slot on a host. A broken connection is made again for the next trial.
+/// Runs the trials of one slot on a host. A broken connection is opened again for the next trial.
 pub(in crate::scheduler) struct Remote<'a> {
     host: &'a Host,
     store: &'a Store,
@@ -25,7 +25,7 @@ pub(in crate::scheduler) struct Remote<'a> {
     replies: Option<Replies>,
 }
 
-/// Reason for which a trial did not run.
+/// Reason why a trial did not run.
 enum Failure {
     /// This side has failed: the store, or a file that the study names.
     Here(Error),
@@ -72,12 +72,12 @@ impl<'a> Remote<'a> {
         }
         let limits = Limits::clone(limits);
         let order = ToHost::Run(Box::new(Order { request, limits }));
-        // The host holds the limits; here only the connection would be measured.
+        // The host enforces the limits; here only the connection would be measured.
         self.process.begin(&line(&order)?, &Arc::default());
         let answer = self.listen(&id, &mut replies, progress)?;
         let serves = self.process.end();
         if matches!(answer, RequestOutcome::Said(Reply::Ended { .. })) {
-            // The trial is stored here, whatever becomes of the connection now.
+            // The trial is stored here, whatever happens to the connection now.
             match serves.then(|| self.clear_away(id, &mut replies)) {
                 Some(Ok(())) => self.replies = Some(replies),
                 _ => drop(self.process.bury()),
@@ -124,7 +124,7 @@ impl<'a> Remote<'a> {
             Some(FromHost::Has(false)) => {}
             other => return Err(unexpected(other)),
         }
-        // An absent source makes the trial unready, as the host reports.
+        // If a source is absent, the host reports that the trial is not ready.
         let Some(files) = self.store.bundle(source).ok().flatten() else {
             return Ok(());
         };
@@ -135,8 +135,8 @@ impl<'a> Remote<'a> {
         Ok(())
     }
 
-    /// Sends a file that the study names. A file that cannot be read or has changed fails the trial there as
-    /// here.
+    /// Sends a file that the study names. A file that cannot be read or has changed makes the trial fail there, as it
+    /// would here.
     fn bring_file(&self, path: &Path, digest: &str) -> Result<(), Failure> {
         let read = input_file::read(path, input_file::Use::Bytes).ok();
         let Some(bytes) = read.filter(|bytes| contract::digest::of_bytes(bytes) == digest) else {
@@ -150,7 +150,7 @@ impl<'a> Remote<'a> {
         Ok(self.process.write(&bytes)?)
     }
 
-    /// Reads messages about the trial until its last one, and takes the trial in where it has ended.
+    /// Reads messages about the trial until its last one, and stores the trial if it has ended.
     fn listen(
         &self,
         id: &str,
@@ -186,7 +186,7 @@ impl<'a> Remote<'a> {
         }
     }
 
-    /// Damage on arrival is the fault of the connection; a failed write is the fault of this side.
+    /// Data that arrives damaged is the fault of the connection; a failed write is the fault of this side.
     fn take_in(&self, id: &str, files: &[(String, Vec<u8>)]) -> Result<(), Failure> {
         let taken = self.store.take_in(id, files).map(drop);
         taken.map_err(|error| match error {
@@ -238,7 +238,7 @@ impl Runner for Remote<'_> {
     }
 }
 
-/// The next message that is more than a sign of life.
+/// The next message other than a sign of life.
 fn heard(replies: &mut Replies) -> io::Result<Option<FromHost>> {
     loop {
         match hear(replies)? {

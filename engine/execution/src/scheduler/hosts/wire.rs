@@ -35,19 +35,19 @@ pub(super) enum ToHost {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum FromHost {
-    /// The program runs; its version and source code.
+    /// The program runs; holds its version and source code.
     Ready(String),
     /// Whether the host has the trial.
     Has(bool),
-    /// Progress of the trial, or its last word; the end of a trial is followed by its files.
+    /// Progress of the trial, or its last message; the end of a trial is followed by its files.
     Said(Reply),
-    /// The process that ran the trial is gone without a last word.
+    /// The process that ran the trial is gone without a last message.
     Died {
         /// End state of the trial.
         state: EndState,
-        /// The reason, in words.
+        /// The reason, as text.
         reason: String,
-        /// Whether the process was ended for a limit.
+        /// Whether the process was ended because of a limit.
         by_limit: bool,
     },
     /// Another program on the host has the trial.
@@ -64,7 +64,7 @@ pub(super) enum FromHost {
 
 /// Interval between two signs of life of a program on a host.
 pub(super) const ALIVE_EVERY: Duration = Duration::from_secs(2);
-/// Silence after which a host counts as lost while an answer is waited for; `ssh` has the same limit.
+/// Silence after which a host that owes an answer counts as lost; `ssh` has the same limit.
 pub(super) const SILENT_FOR: Duration = Duration::from_secs(30);
 
 /// Order to run a trial.
@@ -79,7 +79,7 @@ pub(super) struct Order {
 /// A file that a study names, whose bytes follow.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct StudyFile {
-    /// Path of the file, seen from the folder in which the run was started.
+    /// Path of the file, relative to the folder in which the run was started.
     pub(super) path: String,
     /// Hash of its content.
     pub(super) digest: String,

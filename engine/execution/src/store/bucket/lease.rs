@@ -1,10 +1,10 @@
-//! Leases in a bucket: each names the machine that computes a trial now.
+//! Leases in a bucket, each of which names the machine that computes a trial now.
 //!
-//! A lease is an object that is written only where there is none (`If-None-Match: *`), so that one of several
-//! claimants gets it. A living process counts up an object of its own. A process that has seen this object's
-//! tag unchanged for as long as its owner said that leases hold writes its own lease over the old one, only
-//! if that is still the same (`If-Match`). No clock but the watcher's own is read. As in folders, a lease
-//! saves work and is not needed for correctness: two processes that compute one trial bring the same numbers.
+//! A lease is an object that is written only if there is none (`If-None-Match: *`), so that only one of several
+//! claimants gets it. A living process increments an object of its own. A process that has seen this object's tag
+//! unchanged for as long as its owner declared that leases hold writes its own lease over the old one, but only if that
+//! is still the same (`If-Match`). Only the watching process's own clock is read. As in folders, a lease saves work but
+//! is not needed for correctness: two processes that compute one trial produce the same numbers.
 
 use super::{Announcement, Bucket, WriteCondition};
 use crate::{
@@ -23,7 +23,7 @@ use std::{
 pub(crate) struct BucketLeases {
     bucket: Bucket,
     announcement: Announcement,
-    /// Number of times that this process has counted up its object.
+    /// Number of times that this process has incremented its object.
     beats: Mutex<u64>,
     held: Mutex<BTreeSet<String>>,
     /// Tags of other processes' objects, by token, and the moment since which each is unchanged.
@@ -31,8 +31,8 @@ pub(crate) struct BucketLeases {
 }
 
 impl BucketLeases {
-    /// Announces this process to a bucket. Its leases count as dead after it has not counted up its object
-    /// for `expiry`.
+    /// Announces this process to a bucket. Its leases count as dead once it has not incremented its object for
+    /// `expiry`.
     pub(crate) fn open(bucket: &Bucket, expiry: Duration) -> Result<Self, Error> {
         Self::of(bucket, Owner::this_process(), expiry)
     }
@@ -70,7 +70,7 @@ impl BucketLeases {
             let Some(lease) = objects.get(key)? else { continue };
             let found: Option<Announcement> = serde_json::from_slice(&lease.bytes).ok();
             match found {
-                // A request that was sent again met the object of its first attempt.
+                // A request that was sent again found the object of its first attempt.
                 Some(found) if found.owner == self.announcement.owner => return Ok(Claim::Mine),
                 Some(found) if self.lives(&found)? => return Ok(Claim::Held(found.owner)),
                 // A lease that cannot be read belongs to no process.
@@ -90,8 +90,8 @@ impl BucketLeases {
         }
     }
 
-    /// Time for which this process has seen the object of another one unchanged; the longest one where that
-    /// has no object, since every living process has one.
+    /// Time for which this process has seen the object of another one unchanged; the maximum if that has no object,
+    /// since every living process has one.
     fn silence(&self, owner: &Owner) -> Result<Duration, String> {
         let Some(object) = self.bucket.objects.get(&of_owner(owner))? else {
             return Ok(Duration::MAX);
@@ -106,8 +106,7 @@ impl BucketLeases {
         Ok(clock::since(last.1))
     }
 
-    /// Gives a trial back. A lease that was taken over while this process was suspended belongs to another
-    /// process.
+    /// Releases a trial. A lease that was taken over while this process was suspended belongs to another process.
     pub(crate) fn release(&self, id: &str) -> Result<(), Error> {
         lock(&self.held).remove(id);
         let key = key(id);
@@ -121,7 +120,7 @@ impl BucketLeases {
         released.map_err(|problem| self.error("give back", id, problem))
     }
 
-    /// Shows that this process lives, by counting up its object.
+    /// Shows that this process is alive by incrementing its object.
     pub(crate) fn beat(&self) -> Result<(), Error> {
         let mut beats = lock(&self.beats);
         *beats += 1;
@@ -141,7 +140,7 @@ impl BucketLeases {
 
 impl Drop for BucketLeases {
     fn drop(&mut self) {
-        // A lease that stays behind counts as dead after a long silence.
+        // A lease that is left behind counts as dead after a long silence.
         let held = std::mem::take(&mut *lock(&self.held));
         for id in held {
             let _ = self.release(&id);
@@ -150,7 +149,7 @@ impl Drop for BucketLeases {
     }
 }
 
-/// Key of the object that a living process counts up.
+/// Key of the object that a living process increments.
 fn of_owner(owner: &Owner) -> String {
     format!("owners/{}", owner.token())
 }
@@ -160,7 +159,7 @@ fn key(id: &str) -> String {
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // The locked value is replaced as a whole, so that it is whole after a panic elsewhere.
+    // The locked value is replaced as a whole, so that it is consistent after a panic elsewhere.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -187,7 +186,7 @@ mod tests {
         assert_eq!(one.claim("ab").unwrap(), Claim::Mine);
         assert!(matches!(two.claim("ab").unwrap(), Claim::Held(owner) if owner.host == "one"));
         assert_eq!(two.claim("cd").unwrap(), Claim::Mine);
-        // The second process cannot give back a lease that it does not have.
+        // The second process cannot release a lease that it does not have.
         two.release("ab").unwrap();
         assert!(matches!(two.claim("ab").unwrap(), Claim::Held(_)));
         one.release("ab").unwrap();
@@ -211,9 +210,9 @@ mod tests {
             taken = heir.claim("ab").unwrap();
         }
         assert!(clock::since(begun) >= EXPIRY);
-        // Its other leases count no more.
+        // Its other leases no longer count.
         assert_eq!(living.claim("ef").unwrap(), Claim::Mine);
-        // The dead process was only suspended: it does not remove the heir's lease.
+        // The dead process was only suspended: it does not remove the lease of its successor.
         dead.release("ab").unwrap();
         assert!(matches!(living.claim("ab").unwrap(), Claim::Held(owner) if owner.host == "heir"));
     }

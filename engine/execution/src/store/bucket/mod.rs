@@ -9,11 +9,11 @@
 //!          aside/<id>-<hash> an object that was to be a trial and is damaged
 //! ```
 //!
-//! Every machine works in a store of its own, in an ordinary folder, and copies each ended trial into the
-//! bucket; a trial that is in the bucket and not in the folder is fetched and held against its
-//! acknowledgement before it is believed. An object appears whole or not at all, so that a trial in the
-//! bucket has ended, or has come to a pause. A damaged object concerns its trial alone: the trial counts as
-//! missing, and the machine that computes it sets the object aside first.
+//! Every machine works in a store of its own, in an ordinary folder, and copies each ended trial into the bucket. A
+//! trial that is in the bucket but not in the folder is fetched and compared with its acknowledgement before it is
+//! used. An object appears completely or not at all, so a trial in the bucket has ended, or has reached a pause. A
+//! damaged object affects only its trial: the trial counts as missing, and the machine that computes it sets the object
+//! aside first.
 
 mod lease;
 mod objects;
@@ -30,27 +30,27 @@ use contract::{
 };
 use std::{collections::BTreeSet, sync::Arc, time::Duration};
 
-/// Time after which a process that fetches a trial counts as gone, where no process can see it.
+/// Time after which a process that fetches a trial counts as gone, if no process can see it.
 const FETCHED_WITHIN: Duration = Duration::from_secs(300);
 
-/// The message where a program reaches no object storage.
+/// The message of a program without object storage.
 const NO_STORAGE: &str =
     "this program was built without buckets; build it with `cargo build --release --features bucket`";
 
 /// Part of a bucket that one or several studies share.
 #[derive(Debug, Clone)]
 pub struct Bucket {
-    /// Address as the user writes it, `s3://bucket/prefix`.
+    /// Address in the form that the user writes, `s3://bucket/prefix`.
     address: String,
     objects: Arc<dyn Objects>,
 }
 
 impl Bucket {
-    /// The bucket at an address such as `s3://name/prefix`. No request is made yet. `variable` reads
-    /// environment variables, which hold keys.
+    /// The bucket at an address such as `s3://name/prefix`. No request is made yet. `variable` reads environment
+    /// variables, which contain keys.
     ///
     /// # Errors
-    /// [`Error::Bucket`] for a text that is no address, where keys are missing, and where no object storage is registered.
+    /// [`Error::Bucket`] for a text that is no address, if keys are missing, or if no object storage is registered.
     pub fn at(
         address: &str,
         registry: &Registry,
@@ -94,15 +94,15 @@ impl Bucket {
         }
         match store.take_in(id, &files) {
             Ok(true) => Ok(FetchOutcome::Taken),
-            // The pause is known in the store already.
+            // The store already has the pause.
             Ok(false) => Ok(FetchOutcome::Nothing),
             Err(BundleError::Damaged(problem)) => Ok(FetchOutcome::Damaged { object, problem }),
             Err(BundleError::Here(error)) => Err(error),
         }
     }
 
-    /// Fetches a trial that is to be computed here, unless it has ended here already. The caller holds its
-    /// lease in the bucket: a damaged object is set aside there.
+    /// Fetches a trial that is to be computed here, unless it has already ended here. The caller holds its lease in the
+    /// bucket, since a damaged object is set aside there.
     pub(crate) fn fetch_missing(&self, store: &Store, id: &str) -> Result<(), Error> {
         if !store.lacks(id) {
             return Ok(());
@@ -151,7 +151,7 @@ enum FetchOutcome {
 pub struct FetchReport {
     /// Number of trials that are new in the store.
     pub taken: usize,
-    /// Damaged objects of the bucket, in sentences; their trials are missing.
+    /// Damaged objects of the bucket, as sentences; their trials are missing.
     pub damaged: Vec<String>,
 }
 
@@ -160,20 +160,20 @@ fn key(id: &str) -> String {
     format!("trials/{id}")
 }
 
-/// The end of the trial of a bundle; `None` where it cannot be read.
+/// The end of the trial of a bundle; `None` if it cannot be read.
 fn end_in(bundle: &Bundle) -> Option<TrialEnd> {
     let (_, acknowledgement) = bundle.iter().find(|(name, _)| name == "trial.json")?;
     Some(index::parse(acknowledgement).ok()?.end)
 }
 
 impl Store {
-    /// The same store, with its trials shared by a bucket.
+    /// The same store, with its trials shared through a bucket.
     #[must_use]
     pub fn sharing(self, bucket: Option<Bucket>) -> Self {
         Self { bucket, ..self }
     }
 
-    /// The bucket by which the trials of the store are shared.
+    /// The bucket through which the trials of the store are shared.
     pub fn bucket(&self) -> Option<&Bucket> {
         self.bucket.as_ref()
     }
@@ -181,7 +181,7 @@ impl Store {
     /// Fetches those of the trials that are shared and not here. Does nothing without a bucket.
     ///
     /// # Errors
-    /// [`Error::Bucket`] where the bucket cannot be read, and the errors of leases and of writing a trial.
+    /// [`Error::Bucket`] if the bucket cannot be read, and the errors of leases and of writing a trial.
     pub fn fetch<'a>(&self, ids: impl IntoIterator<Item = &'a str>) -> Result<FetchReport, Error> {
         let mut fetched = FetchReport::default();
         let Some(bucket) = &self.bucket else {
@@ -197,7 +197,7 @@ impl Store {
         }
         let leases = Leases::open(self, FETCHED_WITHIN)?;
         for id in wanted {
-            // A trial that another program here computes will be here without the bucket.
+            // A trial that another program here computes will arrive without the bucket.
             if leases.claim(id)? == Claim::Mine {
                 let outcome = bucket.fetch(self, id);
                 leases.release(id)?;
@@ -218,7 +218,7 @@ impl Store {
     /// returns their number. Does nothing without a bucket.
     ///
     /// # Errors
-    /// As [`fetch`](Self::fetch).
+    /// The errors of [`fetch`](Self::fetch).
     pub fn bring<'a>(&self, ids: impl IntoIterator<Item = &'a str>) -> Result<usize, Error> {
         let Some(bucket) = &self.bucket else { return Ok(0) };
         let shared = bucket.trials()?;
@@ -233,8 +233,8 @@ impl Store {
         Ok(brought)
     }
 
-    /// Whether a trial has not ended here. A trial that cannot be read is not lacking: it is reported and
-    /// mended here.
+    /// Whether a trial has not ended here. A trial that cannot be read does not count as absent: it is reported and
+    /// repaired here.
     fn lacks(&self, id: &str) -> bool {
         self.end(id).is_ok_and(|end| is_missing(end.as_ref()))
     }
@@ -285,7 +285,7 @@ mod tests {
         let place = bytes.iter().position(|byte| *byte == b'\n').unwrap() + 9;
         bytes[place] ^= 1;
         bucket.objects.put(&key, &bytes, WriteCondition::Always).unwrap();
-        // A trial beside it is fetched all the same.
+        // Another trial is still fetched.
         let beside = crate::store::stub::trial(4, 1);
         one.finish(&beside, &Recorder::default(), 1.0).unwrap();
         one.bring([beside.id.as_str()]).unwrap();
@@ -309,7 +309,7 @@ mod tests {
             "{cut_off:?}"
         );
         assert!(two.end(&trial.id).unwrap().is_none());
-        // The machine that computes the trial keeps the earlier object, and stores the trial anew.
+        // The machine that computes the trial keeps the earlier object, and stores the trial again.
         bucket.fetch_missing(&two, &trial.id).unwrap();
         assert_eq!(bucket.objects.list("aside/").unwrap().len(), 1);
         assert!(bucket.objects.get(&key).unwrap().is_none());

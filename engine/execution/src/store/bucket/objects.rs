@@ -3,9 +3,9 @@
 use contract::Registry;
 use std::{fmt::Debug, sync::Arc};
 
-/// A kind of object storage that a program reaches.
+/// A kind of object storage that a program can reach.
 pub struct ObjectStorage {
-    /// Opens the storage at an address; the second argument reads environment variables, which hold keys. Makes no
+    /// Opens the storage at an address; the second argument reads environment variables, which contain keys. Makes no
     /// request. The error is a sentence.
     pub open: fn(&str, &dyn Fn(&str) -> Option<String>) -> Result<Arc<dyn Objects>, String>,
 }
@@ -27,7 +27,7 @@ impl RegisterObjectStorage for Registry {
 pub struct Object {
     /// The content.
     pub bytes: Vec<u8>,
-    /// Tag that changes with the content, as `ETag` does.
+    /// Tag that changes with the content, like an `ETag`.
     pub tag: String,
 }
 
@@ -36,7 +36,7 @@ pub struct Object {
 pub enum WriteCondition<'a> {
     /// No condition.
     Always,
-    /// Only where there is no object.
+    /// Only if there is no object.
     New,
     /// Only over the version with this tag.
     Unchanged(&'a str),
@@ -44,9 +44,9 @@ pub enum WriteCondition<'a> {
 
 /// Objects by their keys below the prefix. Errors are sentences.
 pub trait Objects: Send + Sync + Debug {
-    /// Reads an object; `None` where there is none.
+    /// Reads an object; `None` if there is none.
     fn get(&self, key: &str) -> Result<Option<Object>, String>;
-    /// Writes an object; false where the condition does not hold.
+    /// Writes an object; false if the condition does not hold.
     fn put(&self, key: &str, bytes: &[u8], when: WriteCondition<'_>) -> Result<bool, String>;
     /// Removes an object, if there is one.
     fn delete(&self, key: &str) -> Result<(), String>;

@@ -138,7 +138,7 @@ fn a_lease_that_was_renewed_in_the_future_is_neither_dead_at_once_nor_immortal()
     lease_for(&store, &elsewhere(), 0.2);
     let (lease, leases) = (store.folder(ID).join("lease"), leases(&store));
     for hours in [2, 3] {
-        // Its owner renews it, if only by its own clock.
+        // Its owner renews it, even if only according to its own clock.
         set_renewed(&lease, ahead(hours));
         assert_eq!(leases.claim(ID).unwrap(), Claim::Held(elsewhere()));
         std::thread::sleep(Duration::from_millis(150));
@@ -219,7 +219,7 @@ fn a_damaged_lease_holds_nothing() {
     assert_eq!(leases(&store).claim(ID).unwrap(), Claim::Mine);
 }
 
-/// An owner may announce any expiry, by fault or by a wrong clock: no process waits for an absurd one.
+/// An owner may announce any expiry, because of a fault or a wrong clock; no process waits for an absurd one.
 #[test]
 fn an_expiry_that_nobody_could_wait_for_is_not_believed() {
     for said in [1e18, 86_401.0, f64::INFINITY, -1.0] {

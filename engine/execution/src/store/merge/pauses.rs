@@ -1,4 +1,4 @@
-//! Merge of trials that have paused: their copies, and the comparison with those of the destination.
+//! Merges trials that have paused: copies them, and compares them with those of the destination.
 
 use super::{
     super::{Claim, Fingerprint, Partial, Store, TrialFile},
@@ -7,8 +7,8 @@ use super::{
 use contract::{Error, trial_end::EndState};
 
 impl Merge<'_> {
-    /// Fate of a trial that has ended in the source and has paused in the destination: a conflict where the
-    /// values up to the pause differ.
+    /// Fate of a trial that has ended in the source and has paused in the destination: a conflict if the values up to
+    /// the pause differ.
     pub(super) fn held_against_pause(
         &self,
         id: &str,
@@ -55,8 +55,8 @@ impl Merge<'_> {
         fate
     }
 
-    /// Fate of a trial that has paused in the source, where the destination knows as much or more, or other
-    /// values; `None` where it knows less.
+    /// Fate of a trial that has paused in the source, if the destination knows as much or more, or has other values;
+    /// `None` if it knows less.
     pub(super) fn known_of(&self, id: &str, there: &Partial, source: &Store) -> Result<Option<Fate>, Error> {
         let here = match look(self.into, id)? {
             Err(findings) => {
@@ -80,18 +80,18 @@ impl Merge<'_> {
         Ok((!here.begins(there)).then(conflict))
     }
 
-    /// Copies the record of one trial at a pause, under its lease, which the caller holds already; false
-    /// where it is known here.
+    /// Copies the record of one trial at a pause, under its lease, which the caller already holds; false if it is known
+    /// here.
     ///
     /// # Errors
-    /// [`Error::Damaged`] where the destination has other values, and where it cannot be read or written.
+    /// [`Error::Damaged`] if the destination has other values, and errors of reading or writing it.
     pub(in crate::store) fn pause_under_own_lease(
         &self,
         id: &str,
         bytes: &[u8],
         there: &Partial,
     ) -> Result<bool, Error> {
-        // Only the wording of a conflict asks the store, and it is not used here.
+        // Only the wording of a conflict depends on the store, and it is not used here.
         match self.known_of(id, there, self.into)? {
             None => self.into.write_partial(id, bytes, there).map(|()| true),
             Some(Fate::Same) => Ok(false),

@@ -1,8 +1,8 @@
 //! Packing at the end of a run.
 //!
-//! A packing by hand waits until the pack has settled, since other machines may show old names for a while. A
-//! run does not wait: it packs where the store lies on a file system of this machine alone, no other process
-//! is at work in it, and so many trials are short that their files are a burden.
+//! Packing on request waits until the pack has settled, since other machines may show old names for a while. A run does
+//! not wait: it packs only if the store lies on a file system of this machine alone, no other process works in it, and
+//! so many trials are short that their files are a burden.
 
 use super::{Packing, packing::FILES};
 use crate::{
@@ -13,12 +13,11 @@ use contract::Error;
 use std::{collections::HashSet, time::Duration};
 
 impl Store {
-    /// Packs those of the trials that ended `ok` and left nothing but metrics, where they are `many` or more,
-    /// and completes an interrupted packing of them; `None` where there are too few, or packing is not
-    /// allowed.
+    /// Packs those of the trials that ended `ok` and left only metrics, if there are `many` or more, and completes an
+    /// interrupted packing of them; `None` if there are too few, or packing is not allowed.
     ///
     /// # Errors
-    /// [`Error::File`] where the store cannot be read or written.
+    /// [`Error::File`] if the store cannot be read or written.
     pub fn pack_at_end<'a>(
         &self,
         trials: impl Iterator<Item = &'a str>,
@@ -55,7 +54,7 @@ impl Store {
         inside::files_of(&self.folder(id)).is_ok_and(|files| files.iter().all(is_packed))
     }
 
-    /// Whether no other process works in the store, and none of another machine can see it.
+    /// Whether no other process works in the store, and no other machine can see it.
     fn is_left_to_this_process(&self) -> bool {
         let this = Owner::this_process();
         self.bucket().is_none()

@@ -1,4 +1,4 @@
-//! Form of a pack, in bytes.
+//! Byte format of a pack.
 //!
 //! ```text
 //! regimen pack 1\n
@@ -10,9 +10,8 @@
 //! index <its place> <number of trials> <hash of the index>\n  the end, of fixed length
 //! ```
 //!
-//! Lengths, places and the check (CRC-32C) are hexadecimal digits. The index only saves time: the bytes
-//! before it hold the same information, so that a pack whose end is damaged still gives every trial that is
-//! whole.
+//! Lengths, places and the checksum (CRC-32C) are hexadecimal digits. The index only saves time: the bytes before it
+//! contain the same information, so that a pack with a damaged end still gives every intact trial.
 
 use super::{
     super::index::parse,
@@ -62,7 +61,7 @@ impl PackEntry {
     }
 }
 
-/// The id of a trial as a number; `None` where the text is no id.
+/// The id of a trial as a number; `None` if the text is no id.
 pub(super) fn number(id: &str) -> Option<u128> {
     let digits = id.len() == 32 && id.bytes().all(|byte| byte.is_ascii_hexdigit());
     digits.then(|| u128::from_str_radix(id, 16).ok()).flatten()
@@ -160,11 +159,11 @@ fn announced(line: &[u8], at: u64) -> Option<PackEntry> {
 pub(super) struct Index {
     pub(super) entries: Vec<PackEntry>,
     pub(super) outlines: Outlines,
-    /// Whether the end of the pack is intact: false where the trials were looked for one by one.
+    /// Whether the end of the pack is intact; false if the trials were searched for one by one.
     pub(super) is_whole: bool,
 }
 
-/// Reads the index of a pack; where it is damaged, looks for every trial.
+/// Reads the index of a pack; if it is damaged, searches for every trial.
 ///
 /// # Errors
 /// The error of a file that cannot be read.
@@ -210,7 +209,7 @@ fn written_index(file: &mut (impl Read + Seek), length: u64) -> io::Result<Optio
     Ok(entries.map(|entries| (entries, at)))
 }
 
-/// Offset and hash of the index, from the end of a pack; `None` where they do not fit the file.
+/// Offset and hash of the index, from the end of a pack; `None` if they do not fit the file.
 fn place_of_index(end: &[u8], end_at: u64) -> Option<(u64, String)> {
     let end = std::str::from_utf8(end).ok()?;
     let words: Vec<&str> = end
@@ -227,7 +226,7 @@ fn place_of_index(end: &[u8], end_at: u64) -> Option<(u64, String)> {
     fits.then(|| (at, digest.to_owned()))
 }
 
-/// Looks through a whole pack for lines that announce a trial.
+/// Searches a whole pack for lines that announce a trial.
 fn found(file: &mut (impl BufRead + Seek), length: u64) -> io::Result<Vec<PackEntry>> {
     let (mut entries, mut at) = (Vec::new(), 0);
     file.seek(SeekFrom::Start(0))?;
@@ -239,7 +238,7 @@ fn found(file: &mut (impl BufRead + Seek), length: u64) -> io::Result<Vec<PackEn
             return Ok(entries);
         }
         at += read;
-        // Bytes before a line that announces a trial need not end as a line does.
+        // The bytes before a line that announces a trial need not end with a line break.
         let last = line.len().saturating_sub(HEAD_LENGTH);
         let Some(entry) = announced(&line[last..], at) else {
             continue;

@@ -1,10 +1,10 @@
 //! Packs: files that hold many short trials, so that a store of very many has few files.
 //!
-//! `<root>/packs/<digest>.pack` holds `trial.json` and `metrics.parquet` of trials that ended `ok` and left
-//! no artifact, bit by bit, and is named by the hash of its content. The record of a paused trial without
-//! other files may lie there too; it counts as long as the trial has not ended. A pack is written once and
-//! never changed. A trial with a folder of its own is read from there: packs come second, so that a trial may
-//! be in both, and a trial whose place in a pack is damaged runs again as a missing one.
+//! `<root>/packs/<digest>.pack` contains the exact bytes of `trial.json` and `metrics.parquet` of trials that ended
+//! `ok` and left no artifact, and is named by the hash of its content. The record of a paused trial without other files
+//! may also lie there; it counts as long as the trial has not ended. A pack is written once and never changed. A trial
+//! with a folder of its own is read from there. Packs come second, so that a trial may be in both; if its place in a
+//! pack is damaged, it runs again as a missing one.
 
 mod at_end;
 mod form;
@@ -44,7 +44,7 @@ pub(super) struct Pack {
     index: form::Index,
 }
 
-/// A short trial, as packs hold it.
+/// A short trial in the form in which packs contain it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct ShortTrial {
     /// Bytes of `trial.json`.
@@ -59,8 +59,7 @@ impl ShortTrial {
         self.state(id).is_some()
     }
 
-    /// End state of this trial, which ended `ok` or has paused; `None` where it differs from its
-    /// acknowledgement.
+    /// End state of this trial, which ended `ok` or has paused; `None` if it differs from its acknowledgement.
     fn state(&self, id: &str) -> Option<EndState> {
         let trial = parse(&self.acknowledgement)
             .ok()
@@ -74,7 +73,7 @@ impl Store {
     /// The packs that the store has now.
     ///
     /// # Errors
-    /// [`Error::File`] where a pack cannot be read.
+    /// [`Error::File`] if a pack cannot be read.
     pub(super) fn packs(&self) -> Result<Vec<Arc<Pack>>, Error> {
         let folder = self.root.join(FOLDER);
         let there = names(&folder)?;
@@ -90,13 +89,13 @@ impl Store {
         Ok(known.values().cloned().collect())
     }
 
-    /// Drops a pack from memory, so that its next use reads it anew.
+    /// Drops a pack from memory, so that its next use reads it again.
     fn forget_pack(&self, path: &Path) {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         lock(&self.packs.0).remove(&*name);
     }
 
-    /// Paths, inside the store, of the packs that have a place for a trial, whatever lies there.
+    /// Paths, inside the store, of the packs that have a place for a trial, whatever it contains.
     pub(super) fn packs_with(&self, id: &str) -> Vec<PathBuf> {
         let packs = self.packs().unwrap_or_default();
         let with = packs.iter().filter(|pack| pack.entry(id).is_some());
@@ -109,20 +108,20 @@ impl Store {
         .collect()
     }
 
-    /// The acknowledgement of a trial that lies in a pack, whole and of this trial, and its end; `None` where
-    /// no pack has it.
+    /// The acknowledgement of a trial in a pack, which is intact and belongs to this trial, and its end; `None` if no
+    /// pack has it.
     ///
     /// # Errors
-    /// [`Error::File`] where a pack cannot be read.
+    /// [`Error::File`] if a pack cannot be read.
     pub(super) fn acknowledged_in_pack(&self, id: &str) -> Result<Option<AcknowledgedTrial>, Error> {
         let packs = self.packs_of(id)?;
         acknowledged_in(&mut readers(&packs)?, id)
     }
 
-    /// The metrics of a trial that a pack has with the hash that was acknowledged.
+    /// The metrics of a trial from a pack that has them with the acknowledged hash.
     ///
     /// # Errors
-    /// [`Error::File`] where a pack cannot be read.
+    /// [`Error::File`] if a pack cannot be read.
     pub(super) fn metrics_in_pack(&self, id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
         let packs = self.packs_of(id)?;
         metrics_in(&mut readers(&packs)?, id, digest)
@@ -142,10 +141,10 @@ impl Store {
         }
     }
 
-    /// Whole records of a paused trial in packs.
+    /// Intact records of a paused trial in packs.
     ///
     /// # Errors
-    /// [`Error::File`] where a pack cannot be read.
+    /// [`Error::File`] if a pack cannot be read.
     pub(super) fn paused_in_packs(&self, id: &str) -> Result<Vec<ShortTrial>, Error> {
         let mut found = Vec::new();
         for pack in self.packs_of(id)? {
@@ -166,10 +165,10 @@ impl Store {
 /// Text of a `trial.json`, and the trial that it describes.
 pub(super) type AcknowledgedTrial = (Vec<u8>, StoredTrial);
 
-/// The acknowledgement of a trial that has ended from the first of these packs that has it whole.
+/// The acknowledgement of a trial that has ended, from the first of these packs that has it intact.
 ///
 /// # Errors
-/// [`Error::File`] where a pack cannot be read.
+/// [`Error::File`] if a pack cannot be read.
 pub(super) fn acknowledged_in(
     packs: &mut [PackReader<'_>],
     id: &str,
@@ -186,11 +185,11 @@ pub(super) fn acknowledged_in(
     Ok(None)
 }
 
-/// End of a trial from the first of these packs that has it. Where the pack has an outline of the trial, its
-/// own bytes are not read: they may be damaged, as its metrics may.
+/// End of a trial from the first of these packs that has it. If the pack has an outline of the trial, its own bytes are
+/// not read: they may be damaged, and so may its metrics.
 ///
 /// # Errors
-/// [`Error::File`] where a pack cannot be read.
+/// [`Error::File`] if a pack cannot be read.
 pub(super) fn outlined_in(packs: &mut [PackReader<'_>], id: &str) -> Result<Option<StoredTrial>, Error> {
     for pack in &mut *packs {
         let told = pack.outline(id)?.filter(|trial| trial.id() == id);
@@ -201,10 +200,10 @@ pub(super) fn outlined_in(packs: &mut [PackReader<'_>], id: &str) -> Result<Opti
     acknowledged_in(packs, id).map(|found| found.map(|(_, trial)| trial))
 }
 
-/// The metrics of a trial from the first of these packs that has them with the hash that was acknowledged.
+/// The metrics of a trial from the first of these packs that has them with the acknowledged hash.
 ///
 /// # Errors
-/// [`Error::File`] where a pack cannot be read.
+/// [`Error::File`] if a pack cannot be read.
 fn metrics_in(packs: &mut [PackReader<'_>], id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
     for pack in packs {
         let metrics = pack.metrics(id)?;
@@ -215,11 +214,10 @@ fn metrics_in(packs: &mut [PackReader<'_>], id: &str, digest: &str) -> Result<Op
     Ok(None)
 }
 
-/// End and metrics of a trial, from the first of these packs that have it; `None` where none has.
+/// End and metrics of a trial, from the first of these packs that has them; `None` if none has.
 ///
 /// # Errors
-/// [`Error::File`] where a pack cannot be read, [`Error::Damaged`] where no copy in the store matches its
-/// acknowledgement.
+/// [`Error::File`] if a pack cannot be read, [`Error::Damaged`] if no copy in the store matches its acknowledgement.
 pub(super) fn loaded_in(
     packs: &mut [PackReader<'_>],
     store: &Store,
@@ -247,13 +245,13 @@ pub(super) struct PackReader<'a> {
 /// Opens these packs.
 ///
 /// # Errors
-/// [`Error::File`] where one cannot be read.
+/// [`Error::File`] if one cannot be read.
 pub(super) fn readers(packs: &[Arc<Pack>]) -> Result<Vec<PackReader<'_>>, Error> {
     packs.iter().map(|pack| pack.reader()).collect()
 }
 
 impl PackReader<'_> {
-    /// Outline of a trial; `None` where the pack has none.
+    /// Outline of a trial; `None` if the pack has none.
     fn outline(&mut self, id: &str) -> Result<Option<StoredTrial>, Error> {
         let Some(place) = self.pack.place(id) else {
             return Ok(None);
@@ -266,7 +264,7 @@ impl PackReader<'_> {
         Ok(bytes.and_then(|bytes| self.pack.index.outlines.trial(bytes)))
     }
 
-    /// Reads the outlines of all trials whose ids begin as the one at `place`: they are asked for together.
+    /// Reads the outlines of all trials whose ids begin like the one at `place`, since they are requested together.
     fn read_outlines(&mut self, place: usize) -> Result<(), Error> {
         let places = self.pack.neighbours(place);
         let bytes = match self.pack.index.outlines.bytes_of(&places) {
@@ -314,7 +312,7 @@ impl PackReader<'_> {
 }
 
 impl Pack {
-    /// Opens a pack; `None` where it is gone.
+    /// Opens a pack; `None` if it is gone.
     fn open(path: &Path) -> Result<Option<Self>, Error> {
         if !inside::is_file(path) {
             return Ok(None);

@@ -1,4 +1,4 @@
-//! Outlines: the part of a pack from which very many ends are read without a look at any `trial.json`.
+//! Outlines: the part of a pack from which very many ends are read without reading any `trial.json`.
 //!
 //! ```text
 //! <outline>                                                     56 bytes per trial, in the order of the index
@@ -6,9 +6,8 @@
 //! outlines <their place> <length of origins> <hash of both>\n   of fixed length, before the index
 //! ```
 //!
-//! Outlines only save time, since `trial.json` has the same information. A pack of an earlier program has
-//! none; where they are damaged, and where an outline cannot hold the end of a trial, its `trial.json` is
-//! read.
+//! Outlines only save time, since `trial.json` has the same information. A pack of an earlier program has none. If they
+//! are damaged, or an outline cannot represent the end of a trial, its `trial.json` is read.
 
 use super::{
     super::date::{rfc_3339_of, seconds_of},
@@ -51,7 +50,7 @@ struct Origin {
 struct Outline {
     seed: u64,
     wall_s: f64,
-    /// Seconds per decision; NaN where no decision was timed.
+    /// Seconds per decision; NaN if no decision was timed.
     decision_s: f64,
     digest: u128,
     ended_at_s: u64,
@@ -107,7 +106,7 @@ impl OutlineWriter {
         self.outlines.extend(outline.to_bytes());
     }
 
-    /// Outline of a trial; `None` where it would not give the trial back to the bit.
+    /// Outline of a trial; `None` if it would not reproduce the trial bit by bit.
     fn outline(&mut self, trial: StoredTrial) -> Option<Outline> {
         if trial.end.state != EndState::Ok {
             return None;
@@ -155,7 +154,7 @@ impl OutlineWriter {
     }
 }
 
-/// The trial of an outline.
+/// The trial that an outline describes.
 fn told(origin: &Origin, outline: &Outline) -> StoredTrial {
     StoredTrial {
         parts: origin.parts.clone(),
@@ -183,8 +182,7 @@ pub(super) struct Outlines {
 }
 
 impl Outlines {
-    /// The outlines of a pack of `count` trials whose index begins at `index_at`; empty where they are
-    /// damaged.
+    /// The outlines of a pack of `count` trials whose index begins at `index_at`; empty if they are damaged.
     ///
     /// # Errors
     /// The error of a file that cannot be read.
@@ -208,7 +206,7 @@ impl Outlines {
         }
     }
 
-    /// Offset and length of some outlines in bytes; `None` where there are none.
+    /// Offset and length of some outlines in bytes; `None` if there are none.
     pub(super) fn bytes_of(&self, places: &Range<usize>) -> Option<(u64, u64)> {
         let length = (places.len() * OUTLINE_LENGTH) as u64;
         (places.end <= self.count).then(|| (self.at + (places.start * OUTLINE_LENGTH) as u64, length))
@@ -222,7 +220,7 @@ impl Outlines {
     }
 }
 
-/// Offset and hash of the outlines, from the line that ends them; `None` where they do not fit the pack.
+/// Offset and hash of the outlines, from the line that ends them; `None` if they do not fit the pack.
 fn place(line: &[u8], line_at: u64, count: usize) -> Option<(u64, String)> {
     let line = std::str::from_utf8(line).ok()?;
     let words: Vec<&str> = line

@@ -1,10 +1,10 @@
 //! Moves short trials from folders of their own into a pack.
 //!
-//! The pack is written beside its place, read back, flushed and renamed, with the folders that lead to it,
-//! before the first folder is touched. Other machines may see a folder's old names for a while, so that
-//! packed trials stay in both places until the pack has settled. Then each trial's files go, its
-//! acknowledgement first, under its lease and only where they are the bytes of the pack. Whenever this is
-//! interrupted, every trial is whole in one of the two places, and the next packing completes it.
+//! The pack is written beside its place, read back, flushed and renamed, with the folders that lead to it, before the
+//! first folder is touched. Other machines may see a folder's old names for a while, so packed trials stay in both
+//! places until the pack has settled. Then each trial's files are removed, its acknowledgement first, under its lease
+//! and only if they are the bytes of the pack. If this is interrupted at any point, every trial is intact in one of the
+//! two places, and the next packing completes it.
 
 use super::{
     ENDING, FOLDER, Pack, ShortTrial,
@@ -28,7 +28,7 @@ use std::{
     time::Duration,
 };
 
-/// Most bytes of a packed trial; larger ones stay in folders: packing saves files, not bytes.
+/// Largest number of bytes of a packed trial; larger ones stay in folders, since packing saves files, not bytes.
 const MOST_BYTES: usize = 1 << 20;
 
 /// The files of a trial that can be packed.
@@ -37,23 +37,23 @@ pub(super) const FILES: [&str; 2] = ["trial.json", "metrics.parquet"];
 /// Result of a packing.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Packing {
-    /// The pack that was written, inside the store; `None` where no trial was new.
+    /// The pack that was written, inside the store; `None` if no trial was new.
     pub pack: Option<PathBuf>,
     /// Number of trials in the pack.
     pub packed: usize,
     /// Size of the pack in bytes.
     pub bytes: u64,
-    /// Number of removed folders, of this packing and of earlier ones that were interrupted.
+    /// Number of removed folders, including those of earlier packings that were interrupted.
     pub removed: usize,
-    /// Number of trials that keep their folders: they left more than metrics, did not end well, or are large.
+    /// Number of trials that keep their folders: they left more than metrics, did not end successfully, or are large.
     pub kept: usize,
 }
 
 impl Store {
-    /// Packs every trial that ended `ok` and left nothing but metrics. Folders go when the pack is `settle` old.
+    /// Packs every trial that ended `ok` and left only metrics. Folders are removed when the pack is `settle` old.
     ///
     /// # Errors
-    /// [`Error::File`] where the store cannot be read or written.
+    /// [`Error::File`] if the store cannot be read or written.
     pub fn pack(&self, leases: &Leases, settle: Duration) -> Result<Packing, Error> {
         refuse_links(self)?;
         let ids = self.ids_with_folders();
@@ -65,7 +65,7 @@ impl Store {
         Ok(done)
     }
 
-    /// Removes the folders of trials that packs have, until it is told to stop.
+    /// Removes the folders of trials that packs have, until asked to stop.
     pub(super) fn leave_all_to_packs(
         &self,
         ids: &[String],
@@ -123,13 +123,13 @@ impl Store {
             })
         });
         if written.is_err() {
-            // A full disk gets its space back; `fsck` finds a file that cannot be removed.
+            // Frees the space of a full disk; `fsck` finds a file that cannot be removed.
             let _ = fs::remove_file(&temporary);
         }
         written
     }
 
-    /// A whole trial that can be packed. A trial that cannot be read is left out; `fsck` reports it.
+    /// An intact trial that can be packed. A trial that cannot be read is left out; `fsck` reports it.
     fn short(&self, id: &str) -> Option<ShortTrial> {
         let folder = self.folder(id);
         let mut files = inside::files_of(&folder).ok()?;
@@ -156,7 +156,7 @@ impl Store {
         (is_short && trial.is_whole(id)).then_some(trial)
     }
 
-    /// Removes the folder of a packed trial; true where it is gone.
+    /// Removes the folder of a packed trial; true if it is gone.
     fn leave_to_packs(&self, id: &str, packs: &[Arc<Pack>], leases: &Leases) -> Result<bool, Error> {
         let mut held = Vec::new();
         for pack in packs {
@@ -172,7 +172,7 @@ impl Store {
         }
         let folder = self.folder(id);
         match fs::remove_dir(&folder) {
-            // Another process has asked for the trial meanwhile.
+            // Another process has meanwhile asked for the trial.
             Err(source) if source.kind() == ErrorKind::DirectoryNotEmpty => Ok(false),
             outcome => absent_is_fine(outcome)
                 .map(|()| true)
@@ -180,7 +180,7 @@ impl Store {
         }
     }
 
-    /// Removes the files of a trial that are the same bytes as those of one of `held`; true where they were.
+    /// Removes the files of a trial if they are the same bytes as those of one of `held`; true if they were.
     fn remove_files(&self, id: &str, held: &[ShortTrial]) -> Result<bool, Error> {
         let folder = self.folder(id);
         let own = FILES.map(|name| inside::read(&folder.join(name)));

@@ -1,4 +1,4 @@
-//! Salvage of a damaged pack: whole trials go into a new one, and the old one is set aside.
+//! Salvages a damaged pack: intact trials are written into a new one, and the old one is set aside.
 
 use super::{ENDING, FOLDER, Pack, ShortTrial, form::id_of, is_pack};
 use crate::{
@@ -16,11 +16,11 @@ use std::{
 };
 
 impl Store {
-    /// Sets a damaged pack aside as `to` and writes its whole trials into a new one, which has the name of
-    /// the old one where all are whole. A pack that is gone is skipped.
+    /// Sets a damaged pack aside as `to` and writes its intact trials into a new one, which has the name of the old one
+    /// if all are intact. A pack that is gone is skipped.
     ///
     /// # Errors
-    /// [`Error::File`] where a pack cannot be read or written.
+    /// [`Error::File`] if a pack cannot be read or written.
     pub(in crate::store) fn salvage(&self, path: &Path, to: &Path) -> Result<(), Error> {
         let old = self.root.join(path);
         let Some(pack) = Pack::open(&old)? else {
@@ -48,7 +48,7 @@ impl Store {
 }
 
 impl Pack {
-    /// The whole trials of the pack, in the order of their ids, each once.
+    /// The intact trials of the pack, in the order of their ids, each once.
     fn whole(&self) -> impl Iterator<Item = (u128, ShortTrial)> {
         let mut last = None;
         self.index.entries.iter().filter_map(move |entry| {

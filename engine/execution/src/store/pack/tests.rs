@@ -1,4 +1,4 @@
-//! Packs in a store, whole and damaged.
+//! Packs in a store, intact and damaged.
 
 mod damage;
 
@@ -119,7 +119,7 @@ fn a_pack_that_was_interrupted_is_ended_by_the_next_one() {
     let folder = bench.store.folder(&trial(1).id);
     let left = fs::read(folder.join("metrics.parquet")).unwrap();
     bench.pack();
-    // As if killed before the second file of a trial went.
+    // As if the process was killed before it removed the second file of a trial.
     fs::create_dir_all(&folder).unwrap();
     fs::write(folder.join("metrics.parquet"), left).unwrap();
     fs::write(bench.store.root.join(FOLDER).join(".host-1-ab.tmp"), "half").unwrap();

@@ -56,7 +56,7 @@ impl Bench {
             .unwrap();
     }
 
-    /// State from which a fresh process continues: the protocol's state, the agent and the number of rows.
+    /// State from which a new process continues: the protocol's state, the agent and the number of rows.
     fn load(&self) -> Option<(Value, u64, usize)> {
         let (mut agent, mut record) = (Counter(0), Recorder::default());
         let state = self.keeper().load(&mut agent, &mut record).unwrap();

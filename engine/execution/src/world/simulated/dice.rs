@@ -1,6 +1,6 @@
-//! Chance of a simulation: one stream of numbers from one seed.
+//! Randomness of a simulation: one stream of numbers from one seed.
 
-/// SplitMix64.
+/// The generator is SplitMix64.
 pub struct Dice(u64);
 
 impl Dice {

@@ -1,10 +1,10 @@
 //! A disk that keeps flushed changes, and a random part of the others.
 //!
-//! Every process sees every change at once. A change is durable when the changed object was flushed: bytes
-//! with their file, names with their folder. When the power goes, a file keeps a random beginning of its
-//! unflushed writes, the last of them maybe in part; a folder keeps a random beginning of its unflushed
-//! changes. A rename between two folders happens in both or in neither. This is less than journalling file
-//! systems promise, and all that the store may rely on.
+//! Every process sees every change at once. A change becomes durable when the changed object is flushed: bytes with
+//! their file, names with their folder. At a loss of power, a file keeps a random prefix of its unflushed writes, the
+//! last of them possibly in part; a folder keeps a random prefix of its unflushed changes. A rename between two folders
+//! happens in both or in neither. This is less than journalling file systems promise, and everything that the store may
+//! rely on.
 
 use super::dice::Dice;
 use std::{
@@ -164,7 +164,7 @@ impl Disk {
         }
     }
 
-    /// Writes bytes, and zeros before them where the file is shorter.
+    /// Writes bytes, and zeros before them if the file is shorter.
     pub fn write(&mut self, node: Node, at: usize, bytes: &[u8], host: usize) -> io::Result<()> {
         let change = Change::Write {
             at,
@@ -200,7 +200,7 @@ impl Disk {
         }
     }
 
-    /// Takes the power from the disk and all machines.
+    /// Simulates a loss of power of the disk and all machines.
     pub fn lose_power(&mut self, dice: &mut Dice) {
         let mut kept = self.kept(dice);
         for (node, inode) in self.nodes.iter_mut().enumerate() {
@@ -215,7 +215,7 @@ impl Disk {
         }
     }
 
-    /// Takes the power from one machine: unflushed writes in its memory are lost.
+    /// Simulates a loss of power of one machine: unflushed writes in its memory are lost.
     pub fn lose_host(&mut self, host: usize, dice: &mut Dice) {
         for inode in &mut self.nodes {
             if let Body::File(content) = &mut inode.body {
@@ -263,7 +263,7 @@ impl Disk {
 }
 
 impl Content {
-    /// Loses unflushed changes of the machines that `meant` selects: a random beginning of them stays.
+    /// Loses unflushed changes of the machines that `meant` selects; a random prefix of them is kept.
     fn lose(&mut self, dice: &mut Dice, meant: impl Fn(usize) -> bool) {
         let count = self
             .unflushed
@@ -313,7 +313,7 @@ impl NameChange {
 }
 
 impl Change {
-    /// Leaves a random beginning of the write.
+    /// Keeps a random prefix of the write.
     fn tear(&mut self, dice: &mut Dice) {
         if let Self::Write { bytes, .. } = self {
             bytes.truncate(dice.up_to(bytes.len()));

@@ -68,7 +68,7 @@ pub struct DirEntry {
     kind: Metadata,
 }
 
-/// A call on the simulated disk where this thread is one of its processes, and one on the real disk otherwise.
+/// A call on the simulated disk if this thread is one of its processes, and on the real disk otherwise.
 fn either<T>(
     what: &str,
     path: &Path,
@@ -306,8 +306,7 @@ pub fn read_dir(path: impl AsRef<Path>) -> io::Result<std::vec::IntoIter<io::Res
     Ok(either("list", path, simulated, on_real)?.into_iter())
 }
 
-/// The object of a path for a call that asks the disk itself: names that a machine remembers as missing stay
-/// missing.
+/// The object of a path for a call that asks the disk itself; names that a machine remembers as missing stay missing.
 fn fresh(machine: &mut Machine, me: &Caller, path: &Path) -> io::Result<Node> {
     machine.find(me.host, path, me.quiet)?;
     machine.disk.find(path)

@@ -13,22 +13,22 @@ use std::{
     time::Duration,
 };
 
-/// Possible faults, each with its probability at a call; none strikes after so many calls.
+/// Possible faults, each with its probability at a call; after a number of calls none occurs.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Faults {
-    /// Number of calls during which faults strike.
+    /// Number of calls during which faults occur.
     pub calls: u64,
     /// A process is killed.
     pub kill: f64,
-    /// A process halts for up to two minutes, as one that was suspended does.
+    /// A process halts for up to two minutes, like one that was suspended.
     pub halt: f64,
-    /// The power of all machines goes.
+    /// All machines lose their power.
     pub power: f64,
-    /// The power of one machine goes.
+    /// One machine loses its power.
     pub host_power: f64,
     /// The clock of a machine jumps by up to two hours, either way.
     pub clock: f64,
-    /// A call for a file fails, before or after it took effect.
+    /// A file operation fails, before or after it took effect.
     pub fail: f64,
     /// The disk is full for a while.
     pub full: f64,
@@ -43,7 +43,7 @@ pub struct Machine {
     pub time: Duration,
     pub disk: Disk,
     pub processes: Vec<SimulatedProcess>,
-    /// Place of the process that has the turn; `None` where no process is left.
+    /// Place of the process that has the turn; `None` if no process is left.
     pub turn: Option<usize>,
     /// The failure that ends the simulation.
     pub failed: Option<String>,
@@ -53,7 +53,7 @@ pub struct Machine {
     pub without_flush: Option<String>,
     /// Lines of the program that flushed.
     pub flushed: BTreeSet<String>,
-    /// Calls so far, where a trace is wanted.
+    /// Calls so far, if a trace is wanted.
     pub trace: Option<Vec<String>>,
     faults: Faults,
     calls: u64,
@@ -65,9 +65,9 @@ pub struct Machine {
 #[derive(Default)]
 struct Host {
     boot: u64,
-    /// Difference of its clock to the true time, in seconds.
+    /// Difference of its clock from the true time, in seconds.
     ahead_s: i64,
-    /// Names in folders as it saw them, and the time of each look.
+    /// Names in folders as it last saw them, with the time of reading.
     seen: BTreeMap<Node, (Duration, BTreeMap<OsString, Node>)>,
 }
 
@@ -161,12 +161,12 @@ impl Machine {
         }
     }
 
-    /// Whether faults strike now.
+    /// Whether faults can occur now.
     pub fn is_troubled(&self) -> bool {
         self.calls < self.faults.calls
     }
 
-    /// Lets time go on; a fault may strike, and the turn may pass to another process.
+    /// Lets time pass; a fault may occur, and the turn may pass to another process.
     pub fn pass(&mut self, from: usize) {
         self.calls += 1;
         self.time += Duration::from_micros(self.dice.up_to(2000) as u64);
@@ -188,7 +188,7 @@ impl Machine {
         matches!(self.processes[at].state, ProcessLifetime::From(time) if time <= self.time)
     }
 
-    /// Gives the turn to any process that can run; time passes where all wait.
+    /// Gives the turn to any process that can run; time passes if all wait.
     pub fn choose(&mut self) {
         let times = self.processes.iter().filter_map(|entry| match entry.state {
             ProcessLifetime::From(time) => Some(time),
@@ -245,7 +245,7 @@ impl Machine {
         }
     }
 
-    /// Takes the power from all machines.
+    /// Simulates a loss of power of all machines.
     pub fn lose_power(&mut self) {
         self.note(|| "-- the power goes".into());
         for host in 0..self.hosts.len() {
@@ -299,7 +299,7 @@ impl Machine {
         }
     }
 
-    /// Decides whether a call for a file fails, and whether it takes effect before.
+    /// Decides whether a file operation fails, and whether it takes effect first.
     pub fn fails(&mut self) -> Option<bool> {
         let fails = self.is_troubled() && self.dice.chance(self.faults.fail);
         fails.then(|| self.dice.chance(0.5))
@@ -309,7 +309,7 @@ impl Machine {
         self.time < self.full_until
     }
 
-    /// The names in a folder as a machine sees them, which may be those of a moment ago.
+    /// The names in a folder as a machine sees them, which may be slightly outdated.
     pub fn seen(&mut self, host: usize, folder: Node, quiet: bool) -> io::Result<BTreeMap<OsString, Node>> {
         let now = self.disk.names(folder)?.now.clone();
         if quiet || self.faults.stale.is_zero() || !self.is_troubled() {
@@ -335,7 +335,7 @@ impl Machine {
             .ok_or(ErrorKind::NotFound.into())
     }
 
-    /// Changes names of folders; the machine that does it sees the present names from now on.
+    /// Changes names of folders; the machine that does so sees the current names from then on.
     pub fn change(&mut self, host: usize, names: Vec<(Node, &OsStr, Option<Node>)>) {
         for (folder, ..) in &names {
             self.hosts[host].seen.remove(folder);

@@ -1,12 +1,12 @@
-//! A machine, or several that share a disk, on which chance decides what happens next.
+//! A machine, or several that share a disk, on which random choices decide what happens next.
 //!
-//! Every process of the simulation is a thread, and only one of them runs at a time: at each call for a file, a clock
-//! or a process the turn may pass to another one, time goes on, and a fault may strike: a process is killed or halts
-//! for a while, a machine or all of them lose their power, a clock jumps, a call fails, the disk is full, a machine
-//! sees the names in a folder as they were a moment ago. All of it follows from one seed, so that a seed that fails
-//! fails again.
+//! Every process of the simulation is a thread, and only one of them runs at a time. At each call for a file, a clock
+//! or a process the turn may pass to another one, time passes, and a fault may occur: a process is killed or halts for
+//! a while, a machine or all of them lose their power, a clock jumps, a call fails, the disk is full, or a machine sees
+//! the names in a folder as they were a moment ago. All of this follows from one seed, so that a seed that fails will
+//! fail again.
 //!
-//! A thread outside a simulation sees the real machine, as in most tests.
+//! A thread outside a simulation uses the real machine, as in most tests.
 
 mod dice;
 mod disk;
@@ -44,7 +44,7 @@ pub fn date() -> Option<SystemTime> {
     Some(UNIX_EPOCH + seen)
 }
 
-/// Sleeps in simulated time; false where the thread is no simulated process.
+/// Sleeps in simulated time; false if the thread is no simulated process.
 pub fn sleep(wait: Duration) -> bool {
     this().is_some_and(|this| {
         this.sleep(wait);
@@ -69,7 +69,7 @@ pub fn disk_date() -> Duration {
     this().map_or(Duration::ZERO, |this| this.see(|machine, _| machine.disk_date()))
 }
 
-/// Whether a process of the simulation runs, as any process may ask.
+/// Whether a process of the simulation runs; any process may ask.
 pub fn lives(pid: u32) -> bool {
     let runs =
         |machine: &mut Machine, _: &turns::Caller| machine.processes.iter().any(|entry| entry.pid == pid);

@@ -17,7 +17,7 @@ use std::{
 /// State that the threads share.
 struct SharedMachine {
     machine: Mutex<Machine>,
-    /// A condition for each place: it is signalled when its process gets the turn, or is gone.
+    /// A condition for each place, which is signalled when its process gets the turn, or is gone.
     told: Vec<Condvar>,
     began: Instant,
 }
@@ -33,11 +33,11 @@ pub struct Process {
 /// Payload of the unwinding of a thread whose process is gone.
 struct ProcessLoss;
 
-/// Runs `body` in a process at each place until each has said that it is done; a process that was killed or
-/// is not done is replaced by a new one. Returns the machine.
+/// Runs `body` in a process at each place until each has returned that it is done; a process that was killed or is not
+/// done is replaced by a new one. Returns the machine.
 ///
 /// # Errors
-/// The panic of a process, or the lack of progress; with the machine.
+/// The panic of a process, or the lack of progress, together with the machine.
 pub fn start(machine: Machine, body: impl Fn(usize) -> bool + Sync) -> (Machine, Result<(), String>) {
     contract::clock::simulate(super::now);
     let places = machine.processes.len();
@@ -61,7 +61,7 @@ pub fn start(machine: Machine, body: impl Fn(usize) -> bool + Sync) -> (Machine,
     (machine, outcome)
 }
 
-/// Runs `act` without passing the turn on and without faults; it sees everything as it is.
+/// Runs `act` without passing the turn on and without faults; it sees the true state.
 pub fn quietly<T>(act: impl FnOnce() -> T) -> T {
     let this = super::this();
     this.iter().for_each(|this| this.quiet.set(true));
@@ -93,11 +93,11 @@ fn live(shared: &Arc<SharedMachine>, at: usize, body: &(impl Fn(usize) -> bool +
 
 impl SharedMachine {
     fn lock(&self) -> MutexGuard<'_, Machine> {
-        // A panic of a process ends the simulation, which only reads the machine then.
+        // A panic of a process ends the simulation, which afterwards only reads the machine.
         self.machine.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until the process of a place begins; `None` where no further one does.
+    /// Waits until the process of a place begins; `None` if no further one does.
     fn begin(&self, at: usize) -> Option<u64> {
         let mut machine = self.lock();
         loop {
@@ -114,7 +114,7 @@ impl SharedMachine {
         }
     }
 
-    /// Records the end of a process; true where its place is left.
+    /// Records the end of a process; true if its place is not used any more.
     fn end(&self, at: usize, generation: u64, outcome: Result<bool, Box<dyn Any + Send>>) -> bool {
         let mut machine = self.lock();
         let killed = machine.processes[at].generation != generation;
@@ -138,7 +138,7 @@ impl SharedMachine {
         machine.failed.is_some() || machine.processes[at].state == ProcessLifetime::Over
     }
 
-    /// Wakes the process that has the turn; where the simulation has failed, every one.
+    /// Wakes the process that has the turn, or every process if the simulation has failed.
     fn tell(&self, machine: &Machine) {
         match machine.turn.filter(|_| machine.failed.is_none()) {
             Some(at) => self.told[at].notify_one(),
@@ -159,7 +159,7 @@ impl Process {
         look(&mut machine, &me)
     }
 
-    /// Makes a call for a file, which may fail.
+    /// Makes a file operation, which may fail.
     pub fn call<T>(
         &self,
         what: impl FnOnce() -> String,
@@ -194,7 +194,7 @@ impl Process {
         drop(self.turn());
     }
 
-    /// Waits for the turn; unwinds where the process is gone.
+    /// Waits for the turn; unwinds if the process is gone.
     fn turn(&self) -> MutexGuard<'_, Machine> {
         let mut machine = self.shared.lock();
         self.hold(&machine);
@@ -216,7 +216,7 @@ impl Process {
         }
     }
 
-    /// Unwinds where the process is gone.
+    /// Unwinds if the process is gone.
     fn hold(&self, machine: &Machine) {
         let gone = machine.processes[self.at].generation != self.generation || machine.failed.is_some();
         if gone && !std::thread::panicking() {

@@ -3,10 +3,10 @@
 use contract::drawing::Graph;
 use std::{collections::BTreeSet, ops::Range};
 
-/// Least number of ranks in a stack; width is not saved below it.
+/// Least number of ranks in a stack; stacks are not shortened further to save width.
 const SHORTEST: usize = 4;
 
-/// Widths of the text in boxes, in points. The second one is taken where it saves a longer fold.
+/// Widths of the text in boxes, in points. The second width is used if it saves a longer fold.
 const TEXT_WIDTHS: [f64; 2] = [84.0, 50.0];
 
 /// Direction of the flow on paper.

@@ -21,7 +21,7 @@ const FRAME_LINE: Rgb = (0xb4, 0xb4, 0xb4);
 const GREY: Rgb = (0x88, 0x88, 0x88);
 const LINE_WIDTH: f64 = 0.8;
 const DASHES: [f64; 2] = [2.6, 1.7];
-/// Length of a tip, half its width, and how far the line reaches into it.
+/// Length of a tip, half its width, and the depth to which the line reaches into it.
 const TIP: (f64, f64, f64) = (4.0, 1.8, 1.0);
 const CORNER: f64 = 3.0;
 /// Distance between the lines of a text in a box, in points.
@@ -235,7 +235,7 @@ fn between(from: Point, to: Point, part: f64) -> Point {
     (from.0 + (to.0 - from.0) * part, from.1 + (to.1 - from.1) * part)
 }
 
-/// Places on a line, close enough together that a name between two of them touches one.
+/// Places on a line, so close together that a name between two of them touches one.
 fn sampled(route: &Route, flow: Flow) -> impl Iterator<Item = Position> + '_ {
     const PIECES: u32 = 128;
     let part = |piece: u32| f64::from(piece) / f64::from(PIECES);

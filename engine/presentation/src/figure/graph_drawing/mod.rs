@@ -1,8 +1,8 @@
 //! Draws graphs of designs: boxes along a flow, arrows between them, frames around groups.
 //!
-//! The flow runs to the right in one line where that fits the paper. Else it runs down, folded into stacks that stand
-//! side by side. A stack begins where a group begins, so that each group is seen as a whole. Arrows are led around
-//! boxes in their way.
+//! The flow runs to the right in one line if that fits the paper. Otherwise it runs down, folded into stacks side by
+//! side. A stack begins where a group begins, so that each group is seen as a whole. Arrows are led around boxes in
+//! their way.
 
 mod arrangement;
 mod marks;
@@ -24,11 +24,11 @@ use contract::drawing::Graph;
 use places::Places;
 use ways::Routing;
 
-/// Height of a title with its room, room around a drawing, and between two of them.
+/// Height of a title with its room, room around a drawing, and room between two drawings.
 const TITLE: f64 = 12.0;
 const MARGIN: f64 = 4.0;
 const GAP: f64 = 10.0;
-/// Height of a page; higher drawings are scaled down.
+/// Height of a page; taller drawings are scaled down.
 const TALLEST: f64 = 640.0;
 
 /// A chart of graphs, one below the other, at the requested width; `None` for another chart.
@@ -72,7 +72,7 @@ struct Sketch {
 }
 
 impl Sketch {
-    /// The first arrangement that fits the room; the last one, made smaller, where none does.
+    /// The first arrangement that fits the room; the last one, scaled down, if none fits.
     fn of(graph: &Graph, room: f64) -> Self {
         let mut sketches = Arrangement::all(graph).map(|arrangement| Self::arranged(graph, &arrangement));
         let mut chosen = sketches.next().unwrap_or(Self {

@@ -28,9 +28,9 @@ const NAME: f64 = 9.0;
 /// From a box or a frame to the first track beside it, and from one track to the next.
 const FIRST_TRACK: f64 = 6.5;
 const TRACK: f64 = 5.0;
-/// The same with a name on the track.
+/// Distance between tracks if the track has a name.
 const NAMED_TRACK: f64 = 9.0;
-/// Between two stacks, besides the tracks.
+/// Distance between two stacks, without the tracks.
 const STACK_GAP: f64 = 8.0;
 
 /// A range of one coordinate, in points.
@@ -162,7 +162,7 @@ impl Places {
         }
     }
 
-    /// Along the flow, the middle of the gap after a rank; shortly behind it where a stack ends.
+    /// Along the flow, the middle of the gap after a rank; shortly behind the rank if a stack ends there.
     pub(super) fn gap_after(&self, rank: usize) -> f64 {
         let high = self.ranks[rank].high;
         match self.ranks.get(rank + 1).filter(|next| next.low > high) {
@@ -171,7 +171,7 @@ impl Places {
         }
     }
 
-    /// Along the flow, the middle of the gap before a rank; shortly before it where a stack begins.
+    /// Along the flow, the middle of the gap before a rank; shortly before the rank if a stack begins there.
     pub(super) fn gap_before(&self, rank: usize) -> f64 {
         let low = self.ranks[rank].low;
         let before = rank.checked_sub(1).map(|before| self.ranks[before]);
@@ -204,7 +204,7 @@ fn size(label: &str, arrangement: &Arrangement) -> Size {
     }
 }
 
-/// A box in its rank and lane: those of a rank, or of a lane where the flow leads down, are equally wide.
+/// A box in its rank and lane: boxes of a rank, or of a lane if the flow leads down, are equally wide.
 fn placed(size: Size, flow: Flow, rank: Span, lane: Span) -> NodeBox {
     let (along, across) = match flow {
         _ if size.round => (size.along, size.across),
@@ -219,7 +219,7 @@ fn placed(size: Size, flow: Flow, rank: Span, lane: Span) -> NodeBox {
     }
 }
 
-/// The ranks one after the other, beginning anew with each stack.
+/// Extents of the ranks one after the other, starting again with each stack.
 fn ranks(arrangement: &Arrangement, ways: &Routing, sizes: &[Size]) -> Vec<Span> {
     let lead = match arrangement.flow {
         Flow::Right => FRAME,
@@ -251,7 +251,7 @@ fn ranks(arrangement: &Arrangement, ways: &Routing, sizes: &[Size]) -> Vec<Span>
 }
 
 /// Least extent of a rank: that of a line of text, so that circles and boxes stand at one height. In a flow to the
-/// right it is that of the name of a group that fills the rank.
+/// right, it is the extent of the name of a group that fills the rank.
 fn least(arrangement: &Arrangement, rank: usize) -> f64 {
     if arrangement.flow == Flow::Down {
         return LINE + 2.0 * PADDING.1;

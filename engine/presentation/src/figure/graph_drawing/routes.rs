@@ -47,10 +47,10 @@ struct End {
     side: Side,
     /// Position that its line comes from or leads to, along the flow.
     toward: f64,
-    /// Its order among others at one side: first lines that come down beside the stack, the nearest first; then those
-    /// of other stacks; then lines that go down beside it, the furthest first. So no two cross there. Among lines
-    /// that pass whole stacks the one to the nearest stack is first behind the last rank, and last before the first
-    /// rank.
+    /// Its order among others at one side: first lines that come down beside the stack, the nearest first; then lines
+    /// of other stacks; then lines that go down beside it, the furthest first. In this order no two of them cross
+    /// there. Among lines that pass whole stacks, the line to the nearest stack comes first behind the last rank, and
+    /// last before the first rank.
     order: [f64; 3],
     /// Position where it meets the box, along the flow.
     at: f64,
@@ -81,7 +81,7 @@ struct Plan<'a> {
     places: &'a Places,
     /// Both ends of each arrow.
     ends: Vec<[End; 2]>,
-    /// Arrows past whole stacks: whether they pass behind the last rank or before the first, and their track. Arrows
+    /// Arrows past whole stacks: whether each passes behind the last rank or before the first, and its track. Arrows
     /// into the next stack have no entry.
     around: BTreeMap<usize, (bool, usize)>,
     /// Tracks in gaps between stacks, by arrow and gap.
@@ -140,7 +140,7 @@ impl<'a> Plan<'a> {
         ]
     }
 
-    /// The side itself where no box stands between it and the track.
+    /// The given side if no box stands between it and the track; otherwise the gap.
     fn free(&self, node: usize, side: Side) -> Side {
         let lane = self.arrangement.lanes[node];
         let beside = match side {
@@ -154,8 +154,8 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Spreads the arrows that meet one side of a box, in their order. One that comes
-    /// from a box at the same height keeps the middle, so that it is straight.
+    /// Spreads the arrows that meet one side of a box, in their order. An arrow that comes from a box at the same
+    /// height keeps the middle, so that it is straight.
     fn spread(&mut self, ways: &Routing) {
         let mut sides: BTreeMap<(usize, Side), Vec<(usize, usize)>> = BTreeMap::new();
         for (edge, ends) in self.ends.iter().enumerate() {
@@ -185,8 +185,8 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// The track of each arrow in each gap between stacks that it runs along. Leaving arrows come first, for the
-    /// fewest crossings.
+    /// The track of each arrow in each gap between stacks that it runs along. Leaving arrows come first, which causes
+    /// the fewest crossings.
     fn gaps(&self, ways: &Routing) -> BTreeMap<(usize, usize), usize> {
         let mut gaps: BTreeMap<usize, Vec<([f64; 3], usize)>> = BTreeMap::new();
         for (edge, ends) in self.ends.iter().enumerate() {
@@ -220,7 +220,7 @@ impl<'a> Plan<'a> {
         tracks
     }
 
-    /// Makes arrows into the next stack straight where the offset is small and no other arrow is in the way.
+    /// Makes arrows into the next stack straight if the offset is small and no other arrow is in the way.
     fn straighten(&mut self, ways: &Routing) {
         let alone = |node: usize, side: Side| {
             let at = |end: &&End| end.node == node && end.side == side;
@@ -251,7 +251,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Along the flow, with a curve where it changes its lane.
+    /// A line along the flow, with a curve if it changes its lane.
     fn direct(&self, edge: &Edge, rank: usize) -> Vec<Point> {
         let (from, to) = (&self.places.boxes[edge.from], &self.places.boxes[edge.to]);
         let start = (from.along.high, from.across.middle());
@@ -268,7 +268,7 @@ impl<'a> Plan<'a> {
         points
     }
 
-    /// Around the boxes in its way, beside its stack.
+    /// A line beside its stack, around the boxes in its way.
     fn beside(&self, edge: usize, track: usize, inside: bool) -> Vec<Point> {
         let stack = self.arrangement.stack(self.ends[edge][0].node);
         let across = self.places.beside(stack, track, inside);
@@ -279,7 +279,7 @@ impl<'a> Plan<'a> {
         points
     }
 
-    /// Through the gap into the next stack, or around the stacks between.
+    /// A line through the gap into the next stack, or around the stacks between.
     fn over(&self, edge: usize) -> Vec<Point> {
         let [source, target] = self.ends[edge];
         let (first, last) = (
@@ -302,7 +302,7 @@ impl<'a> Plan<'a> {
         points
     }
 
-    /// The first points of a line, and the position along the flow where it goes on.
+    /// The first points of a line, and the position along the flow where it continues.
     fn leave(&self, edge: usize) -> (Vec<Point>, f64) {
         let end = self.ends[edge][0];
         let node = &self.places.boxes[end.node];
@@ -351,7 +351,7 @@ fn rim(node: &NodeBox, end: End) -> f64 {
     }
 }
 
-/// Arrows that pass whole stacks, with the shorter side and a track there: short arrows are nearest.
+/// Arrows that pass whole stacks, each with the shorter side and a track there; short arrows are nearest.
 fn around(graph: &Graph, arrangement: &Arrangement, places: &Places) -> BTreeMap<usize, (bool, usize)> {
     let stacks = |edge: &Edge| (arrangement.stack(edge.from), arrangement.stack(edge.to));
     let mut passing: Vec<(usize, usize)> = Vec::new();

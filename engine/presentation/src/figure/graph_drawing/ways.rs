@@ -68,7 +68,7 @@ fn way(graph: &Graph, arrangement: &Arrangement, edge: usize) -> ArrowRouting {
     }
 }
 
-/// The rank after which an arrow can change its lane without meeting a node; `None` where there is none.
+/// The rank after which an arrow can change its lane without meeting a node; `None` if there is none.
 fn direct(arrangement: &Arrangement, from: usize, to: usize) -> Option<usize> {
     let (first, last) = (arrangement.ranks[from], arrangement.ranks[to]);
     let is_free = |node: usize| {
@@ -84,7 +84,7 @@ fn direct(arrangement: &Arrangement, from: usize, to: usize) -> Option<usize> {
     }
 }
 
-/// Whether both ends stand in one group with no other group beside it.
+/// Whether both ends are in one group that has no other group beside it.
 fn is_inside(graph: &Graph, arrangement: &Arrangement, (from, to): (usize, usize)) -> bool {
     let group = &graph.nodes[from].group;
     let mut groups = arrangement.groups.iter();

@@ -60,7 +60,7 @@ fn interval(point: &Point, frame: &Frame, color: Rgb) -> Vec<Mark> {
             opacity: 0.7,
         }
     });
-    // The value is dark on its bar, and in the colour of the agent where the bar is too narrow to be seen.
+    // The value is dark on its bar, and has the colour of the agent if the bar is too narrow to be seen.
     let is_wide = point.interval.is_some_and(|(low, high)| low < high);
     let value = Mark::Line {
         points: [-HALF, HALF].map(|by| frame.at(point.y, point.x + by)).to_vec(),

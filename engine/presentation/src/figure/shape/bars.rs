@@ -7,7 +7,7 @@ use crate::figure::{
     style::INK,
 };
 
-/// Centres and heights of the bars, and the width of all.
+/// Centres and heights of the bars, and their common width.
 pub(super) struct Bars<'a>(pub &'a [Point], pub f64);
 
 impl<'a> Form<'a> for Bars<'a> {

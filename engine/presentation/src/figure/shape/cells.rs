@@ -45,7 +45,7 @@ impl Cells {
         let (from, to) = (corner(-0.5, -0.5), corner(0.5, 0.5));
         let area = color.map(|color| Mark::area(rectangle(from, to), color));
         let words = &self.texts[row][column];
-        // A value that does not fit is in the colour bar and in the figure's file.
+        // A value that does not fit is still in the colour bar and in the figure's file.
         let fits = text_width(words, TEXT) + 2.0 <= (to.0 - from.0).abs();
         let text = fits.then(|| Mark::Text {
             at: corner(0.0, 0.0),

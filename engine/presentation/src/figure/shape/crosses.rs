@@ -28,7 +28,7 @@ impl<'a> Form<'a> for Crosses<'a> {
     }
 }
 
-/// A cross with a light rim, to be seen on any ground.
+/// A cross with a light rim, visible on any ground.
 fn cross((x, y): Position) -> Vec<Mark> {
     let lines = |width: f64, color: Rgb, arm: f64| {
         let line = move |points: [Position; 2]| Mark::Line {

@@ -21,11 +21,11 @@ pub struct Curve {
     pub of: CurveSource,
     /// The line, with a band around it where points have intervals.
     pub points: Vec<Point>,
-    /// Runs that are drawn as thin lines; empty where only the line is drawn.
+    /// Runs that are drawn as thin lines; empty if only the line is drawn.
     pub runs: Vec<RunLine>,
     /// Runs that are not drawn; the page shows them on request.
     pub undrawn: Vec<RunLine>,
-    /// The statistic of the line over the last values of the runs, where some runs go on after the line ends.
+    /// The statistic of the line over the last values of the runs, if some runs continue after the line ends.
     pub at_the_ends: Option<f64>,
 }
 

@@ -35,7 +35,7 @@ impl<'a> Form<'a> for Line<'a> {
     }
 
     fn in_words(&self, panel: &Panel, format: NumberFormat) -> Option<String> {
-        // With named rows the values lie along the horizontal axis.
+        // With named rows, the values lie along the horizontal axis.
         let value = if panel.y.categories.is_empty() {
             self.last_value()
         } else {

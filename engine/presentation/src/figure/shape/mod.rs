@@ -1,7 +1,7 @@
-//! Shapes of series: each draws, tells and lists its own data.
+//! Shapes of series: each draws, describes and lists its own data.
 //!
 //! A new shape is a file in this folder and an entry in the list below. The layout, the legend, the files and the
-//! words ask [`Form`] and know no shape by name.
+//! descriptions use [`Form`] and know no shape by name.
 
 mod across;
 mod bars;
@@ -46,7 +46,7 @@ macro_rules! shapes {
         }
 
         impl Shape {
-            /// Answers of the shape to the questions of the pipeline.
+            /// The shape as the interface that the pipeline uses.
             pub(super) fn form(&self) -> Box<dyn Form<'_> + '_> {
                 match self {
                     $(Self::$name($($data),+) => Box::new($form),)+
@@ -98,7 +98,7 @@ pub(super) type Sheet = (&'static [&'static str], Vec<Vec<String>>);
 /// Width of a line in the legend that shows its dashes, in points.
 const LINE_SAMPLE: f64 = 20.0;
 
-/// Questions of the pipeline to the data of a shape. The answers here are those of most shapes.
+/// Interface between the pipeline and the data of a shape. The default methods fit most shapes.
 pub(super) trait Form<'a> {
     /// Points of the series, without single runs.
     fn points(&self) -> &'a [Point] {
@@ -136,7 +136,7 @@ pub(super) trait Form<'a> {
         0.02
     }
 
-    /// Whether it fills its plot, which then is about square and has no room around its values.
+    /// Whether it fills its plot; such a plot is about square and has no room around its values.
     fn fills_plot(&self) -> bool {
         false
     }
@@ -151,7 +151,7 @@ pub(super) trait Form<'a> {
         &[]
     }
 
-    /// Meaning and values of its colours; `None` where its colour is that of its series.
+    /// Meaning and values of its colours; `None` if its colour is that of its series.
     fn color_scale(&self) -> Option<(&'a str, Values<'a>)> {
         None
     }
@@ -176,8 +176,8 @@ pub(super) trait Form<'a> {
         &[]
     }
 
-    /// The whole drawing of a chart of such shapes without axes, in points, of the width asked for; `None` for a shape
-    /// with axes.
+    /// The complete drawing of a chart of such shapes without axes, in points, at the requested width; `None` for a
+    /// shape with axes.
     fn paint(&self, _chart: &Chart, _asked: Option<f64>) -> Option<Drawing> {
         None
     }
@@ -194,18 +194,18 @@ pub(super) trait Form<'a> {
         vec![Mark::area(points, style.color())]
     }
 
-    /// Whether it is a value that other series are compared with, and speaks for a chart or a name only where it is
-    /// alone.
+    /// Whether it is a value that other series are compared with. It describes a chart or a name only if there is
+    /// nothing else.
     fn is_reference(&self) -> bool {
         false
     }
 
-    /// Whether it comes from a publication, whose series have entries of their own in the legend.
+    /// Whether it comes from a publication; such series have legend entries of their own.
     fn is_published(&self) -> bool {
         false
     }
 
-    /// Whether it may become grey in a chart with more names than a legend has room for.
+    /// Whether it may become grey in a chart with more names than a legend can hold.
     fn is_dimmable(&self) -> bool {
         false
     }
@@ -215,12 +215,12 @@ pub(super) trait Form<'a> {
         ("Lines", "Last values")
     }
 
-    /// Values whose sizes choose the decimals of numbers in words.
+    /// Values whose sizes decide the number of decimals in texts.
     fn told_values(&self) -> Values<'a> {
         Box::new(self.points().iter().map(|point| point.y))
     }
 
-    /// Its values in words; `None` where there is nothing to tell.
+    /// Its values as text; `None` if there are none to describe.
     fn in_words(&self, _panel: &Panel, format: NumberFormat) -> Option<String> {
         self.last_value().map(|value| format.write(value))
     }
@@ -235,7 +235,7 @@ pub(super) trait Form<'a> {
         None
     }
 
-    /// Fields of its series in the page's own plot; `None` where that plot cannot show it.
+    /// Fields of its series in the page's own plot; `None` if that plot cannot show it.
     fn plot_data(&self, _style: Style, _log: bool) -> Option<Map<String, Value>> {
         None
     }

@@ -18,7 +18,7 @@ const PANEL_GAP: f64 = 14.0;
 /// Height of a title with its room.
 const TITLE: f64 = 12.0;
 const MARGIN: f64 = 4.0;
-/// Largest side of an image where the study states no size, in points.
+/// Largest side of an image in points, if the study states no size.
 const LARGEST: f64 = 24.0 * POINTS_PER_MM;
 /// Width of the line around an image, which shows the edge of a light one.
 const RIM: f64 = 0.3;
@@ -45,7 +45,7 @@ pub struct Tiles {
     pub images: Vec<Image>,
     /// Images in a row, at least one.
     pub columns: usize,
-    /// Side of an image on paper in millimetres; `None` takes the room there is.
+    /// Side of an image on paper in millimetres; with `None`, as large as the room allows.
     pub size_mm: Option<f64>,
 }
 
@@ -181,7 +181,7 @@ fn span(side: f64, images: usize) -> f64 {
     side * count(images) + GAP * count(images.saturating_sub(1))
 }
 
-/// Side of an image: as the study says, in points `per_mm`; else as large as the room allows.
+/// Side of an image: as the study states, in points `per_mm`; otherwise as large as the room allows.
 fn side(tiles: &Tiles, room: f64, per_mm: f64) -> f64 {
     match tiles.size_mm {
         Some(size_mm) => size_mm * per_mm,

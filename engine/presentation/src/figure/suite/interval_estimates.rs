@@ -28,10 +28,10 @@ pub struct IntervalEstimates {
     /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`), or floor and ceiling by environment,
     /// each a number or an agent.
     pub normalise: Normalisation,
-    /// Which agents, in this order; all where empty.
+    /// Agents to show, in this order; all where empty.
     #[serde(default)]
     pub agents: Vec<String>,
-    /// Which environments; all where empty.
+    /// Environments to pool; all where empty.
     #[serde(default)]
     pub environments: Vec<String>,
     /// Resamples of the bootstrap.

@@ -1,8 +1,8 @@
 //! Figures of a suite: runs of several environments as normalised scores, pooled, as Agarwal et al. 2021 ("Deep
 //! reinforcement learning at the edge of the statistical precipice", arXiv:2108.13264) show them.
 //!
-//! Seeds are replicates and environments are tasks. An agent without a score in one of the environments is left out
-//! and named, since other environments would make another suite.
+//! Seeds are replicates and environments are tasks. An agent without a score in one of the environments is left out and
+//! named, since a different set of environments would be another suite.
 
 mod interval_estimates;
 mod performance_profile;
@@ -105,7 +105,7 @@ struct Player<'a> {
 
 impl<'a> Suite<'a> {
     /// # Errors
-    /// [`Error::Render`] where settings of a sweep would be pooled, or no agent has a score everywhere.
+    /// [`Error::Render`] if settings of a sweep would be pooled, or no agent has a score everywhere.
     fn of(asked: SuiteOptions<'a>, spec: &'a FigureSpec, context: Context<'a>) -> Result<Self, Error> {
         let all = Scope::of(context.results, &[], asked.environments);
         let scope = Scope::of(context.results, asked.agents, asked.environments);
@@ -133,7 +133,7 @@ impl<'a> Suite<'a> {
         Ok(suite)
     }
 
-    /// The scores of an agent; a sentence on the reason where it has none.
+    /// The scores of an agent; the error is a sentence on the reason why it has none.
     fn player(&self, agent: &str, scope: &Scope<'a>, context: Context<'_>) -> Result<Player<'a>, String> {
         let (scope, label) = (scope.at(Axis::Agent, agent), label(self.spec, agent));
         let tasks: Vec<Vec<f64>> = self
@@ -224,7 +224,7 @@ impl<'a> Suite<'a> {
 }
 
 impl Player<'_> {
-    /// Its name, with the number of seeds where some are missing.
+    /// Its name, with the number of seeds if some are missing.
     fn name_with_seeds(&self) -> String {
         match self.seeds {
             (n, planned) if n < planned => format!("{} (n = {n} of {planned})", self.label),

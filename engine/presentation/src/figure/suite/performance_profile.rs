@@ -27,10 +27,10 @@ pub struct PerformanceProfile {
     /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`), or floor and ceiling by environment,
     /// each a number or an agent.
     pub normalise: Normalisation,
-    /// Which agents, in this order; all where empty.
+    /// Agents to show, in this order; all where empty.
     #[serde(default)]
     pub agents: Vec<String>,
-    /// Which environments; all where empty.
+    /// Environments to pool; all where empty.
     #[serde(default)]
     pub environments: Vec<String>,
     /// The lowest score on the axis; 0 or the lowest score of a run where absent.
@@ -39,7 +39,7 @@ pub struct PerformanceProfile {
     /// The highest score on the axis; 1 or the highest score of a run where absent.
     #[serde(default)]
     pub to: Option<f64>,
-    /// At how many scores between them the profile is computed.
+    /// Number of scores between them at which the profile is computed.
     #[serde(default = "default_points")]
     #[schemars(range(min = 2, max = 1001))]
     pub points: usize,

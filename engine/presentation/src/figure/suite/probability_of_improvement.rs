@@ -1,4 +1,4 @@
-//! Probabilities of improvement: how often a run of one agent scores above one of another in the same
+//! Probabilities of improvement: the probability that a run of one agent scores above a run of another in the same
 //! environment, a row per pair of agents.
 
 use super::{Player, Suite, asked, default_metric, default_resamples};
@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use statistics::comparison::{probability_of_improvement, probability_of_improvement_interval};
 
-/// How often a run of one agent scores above one of another, a row per pair.
+/// Probability that a run of one agent scores above a run of another, a row per pair.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ProbabilityOfImprovement {
@@ -28,20 +28,20 @@ pub struct ProbabilityOfImprovement {
     #[serde(default = "default_metric")]
     pub metric: String,
     /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`), or floor and ceiling by environment,
-    /// each a number or an agent. Here they say no more than which of two values is better: a floor above its ceiling
-    /// is that of a metric of which less is better.
+    /// each a number or an agent. Here they only show which of two values is better: a floor above its ceiling means
+    /// that less is better.
     pub normalise: Normalisation,
-    /// Which agents, in this order; all where empty.
+    /// Agents to compare, in this order; all where empty.
     #[serde(default)]
     pub agents: Vec<String>,
-    /// Which environments; all where empty.
+    /// Environments to pool; all where empty.
     #[serde(default)]
     pub environments: Vec<String>,
-    /// The pairs, each with the agent first that may be better than the other one; all where empty, each
-    /// once, the agent first that is listed first.
+    /// The pairs, each beginning with the agent that may be better than the other; where empty, every pair once, in the
+    /// order of the list.
     #[serde(default)]
     pub pairs: Vec<[String; 2]>,
-    /// Compare each of the other agents with this one in place of `pairs`.
+    /// Compare each of the other agents with this one instead of `pairs`.
     #[serde(default)]
     pub relative_to: Option<String>,
     /// Resamples of the bootstrap.
@@ -146,7 +146,7 @@ impl Figure for ProbabilityOfImprovement {
     }
 }
 
-/// Says where the agents of a pair are not in the figure or are one agent.
+/// Reports a pair whose agents are not in the figure or are the same agent.
 fn check_pair(pair: &Place<'_>, shown: &[String], names: &mut Names<'_>) {
     let items = pair.node.items();
     for (item, name) in items.iter().filter_map(|item| Some((item, item.as_str()?))) {

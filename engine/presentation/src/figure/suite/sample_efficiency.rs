@@ -28,10 +28,10 @@ pub struct SampleEfficiency {
     /// Meaning of the scores 0 and 1: the means of two agents (`low`, `high`) at the end, or floor and ceiling by
     /// environment, each a number or an agent.
     pub normalise: Normalisation,
-    /// Which agents, in this order; all where empty. Agents that do not learn have short dashes.
+    /// Agents to show, in this order; all where empty. Agents that do not learn have short dashes.
     #[serde(default)]
     pub agents: Vec<String>,
-    /// Which environments; all where empty.
+    /// Environments to pool; all where empty.
     #[serde(default)]
     pub environments: Vec<String>,
     /// Resamples of the bootstrap.
@@ -136,7 +136,7 @@ fn have_same_steps(tasks: &[Vec<sample_efficiency::StepSeries>]) -> bool {
     all.all(|steps| Some(&steps) == first.as_ref())
 }
 
-/// The line of an agent; `None` where its runs have no step in common.
+/// The line of an agent; `None` if its runs have no step in common.
 fn line(
     suite: &Suite<'_>,
     player: &Player<'_>,

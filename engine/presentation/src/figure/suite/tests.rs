@@ -29,7 +29,7 @@ fn of(kind: &str, options: Value) -> Chart {
     chart(&spec(kind, options), &study())
 }
 
-/// Three agents that are not far apart, in three environments.
+/// Three agents with similar results in three environments.
 fn close() -> Results {
     let one = |environment: &str, place: u64, agent: usize, seed: u64| {
         let value = 0.2 * agent as f64 + noise(place, agent as u64, seed);

@@ -1,4 +1,4 @@
-//! Aggregates against the names that trials record: environments, agents, and the ends of the scale of scores.
+//! Checks aggregates against the names that trials record: environments, agents, and the ends of the scale of scores.
 
 use super::{Aggregate, SUITE_MEAN};
 use crate::{
@@ -52,7 +52,7 @@ pub(super) fn aggregate(
         .chain(environments)
         .chain([spec.value.clone()])
         .collect();
-    // Agents that only set the scale may be named too.
+    // Agents that only set the scale may also be named.
     let scale = names
         .vocabulary
         .agents
@@ -73,7 +73,7 @@ fn thresholds(names: &mut Names<'_>, scores: &[f64], place: &Place<'_>) {
     }
 }
 
-/// Checks that published values stand beside means alone, and beside no value that is fixed by construction.
+/// Checks that published values are given only for means, and for no value that is fixed by construction.
 fn published_means(names: &mut Names<'_>, spec: &Aggregate, published: &Place<'_>, columns: &[String]) {
     for entry in published.node.entries() {
         let row = Place::of(entry, format!("{}.{}", published.at, entry.key));

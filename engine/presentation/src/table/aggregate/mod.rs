@@ -2,9 +2,9 @@
 //! "Deep reinforcement learning at the edge of the statistical precipice", arXiv:2108.13264, define them.
 //!
 //! A score is a seed's value in one environment, scaled so that 0 and 1 stand for two agents or two numbers of that
-//! environment. Intervals are those of a stratified bootstrap: seeds are drawn anew within each environment, and the
-//! two ends of the scale are held fixed. An agent without a score in one of the environments has no aggregate, since
-//! other environments would make another suite.
+//! environment. Intervals are those of a stratified bootstrap: seeds are resampled within each environment, and the two
+//! ends of the scale are held fixed. An agent without a score in one of the environments has no aggregate, since a
+//! different set of environments would be another suite.
 
 mod check;
 
@@ -40,14 +40,14 @@ pub struct Aggregate {
     /// The agent over which the probability of improvement is shown; no such column where absent.
     #[serde(default)]
     pub relative_to: Option<String>,
-    /// Scores at which the performance profile is shown: the share of seeds above each, environments weighted
-    /// alike.
+    /// Scores at which the performance profile is shown: the share of seeds above each, with environments weighted
+    /// equally.
     #[serde(default)]
     pub profile_at: Vec<f64>,
-    /// Which agents, in this order; all where empty.
+    /// Agents to show, in this order; all where empty.
     #[serde(default)]
     pub agents: Vec<String>,
-    /// Which environments; all where empty.
+    /// Environments to pool; all where empty.
     #[serde(default)]
     pub environments: Vec<String>,
     /// Digits after the decimal point.
@@ -122,8 +122,7 @@ impl Table for Aggregate {
 /// Computes the aggregates.
 ///
 /// # Errors
-/// [`Error::Render`] where fewer than two environments have trials, or agents of several settings would be
-/// pooled.
+/// [`Error::Render`] if fewer than two environments have trials, or agents of several settings would be pooled.
 fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
     let all = Scope::of(results, &[], &spec.environments);
     let scope = Scope::of(results, &spec.agents, &spec.environments);
@@ -230,7 +229,7 @@ impl Column {
         }
     }
 
-    /// Whether agents at the ends of the scale have fixed values in this column, whatever their seeds do.
+    /// Whether agents at the ends of the scale have fixed values in this column, independent of their seeds.
     fn is_fixed_by_scale(&self) -> bool {
         matches!(self, Self::Median | Self::Mean)
     }
@@ -246,7 +245,7 @@ struct Scores {
 }
 
 impl Scores {
-    /// Seeds by environment; `None` where an environment has none.
+    /// Seeds by environment; `None` if an environment has none.
     fn tasks(&self) -> Option<Vec<Vec<f64>>> {
         let tasks: Vec<Vec<f64>> = self
             .by_environment
@@ -290,7 +289,7 @@ struct Suite<'a> {
 }
 
 impl<'s> Suite<'s> {
-    /// The suite with the scales that some trials give.
+    /// The suite with the scales that some trials determine.
     fn of(spec: &'s Aggregate, environments: &[String], all: &Scope<'_>) -> Self {
         let scale = |name: &String| ScoreScale::of(&spec.normalise, &spec.value, name.clone(), all);
         Self {
@@ -299,8 +298,8 @@ impl<'s> Suite<'s> {
         }
     }
 
-    /// The mean of each seed of an agent, by limit, as if the seeds below the limit were all there are: later seeds
-    /// of the agents that stand for 0 and 1 move the scale. Only means may be published.
+    /// The mean of each seed of an agent, by limit, computed from the seeds below the limit alone: later seeds of the
+    /// agents that stand for 0 and 1 move the scale. Only means may be published.
     fn means_as_of(&self, agent: &str, limits: &[u64], all: &Scope<'_>) -> BTreeMap<u64, Vec<(u64, f64)>> {
         let environments: Vec<String> = self.scales.iter().map(|it| it.environment.clone()).collect();
         let at = |limit: &u64| {

@@ -75,7 +75,7 @@ fn aggregates_agree_with_an_independent_computation() {
                     continue;
                 };
                 let ends = [&expected["low"], &expected["high"]].map(|end| end.as_f64().unwrap());
-                // The reference has other random numbers; a share moves in steps of one seed.
+                // The reference uses other random numbers; a share moves in steps of one seed.
                 let step = if column.name.starts_with("above") {
                     0.06
                 } else {
@@ -217,8 +217,7 @@ fn what_cannot_be_scaled_or_pooled_is_said() {
     );
 }
 
-/// Agents that stand for 0 and 1 move every score: published values wait for their trials too, and for their
-/// training.
+/// Agents that stand for 0 and 1 affect every score: published values wait for their trials and their training too.
 #[test]
 fn published_means_rest_on_the_looks_of_all_agents_behind_them() {
     let mut results = results();
@@ -234,7 +233,7 @@ fn published_means_rest_on_the_looks_of_all_agents_behind_them() {
     };
     let able = |results: &Results| crate::table::build(&table, results).unwrap().cells[2][2].clone();
     let cell = able(&results);
-    // Later seeds of the agent that stands for 0 move the scale, and no verdict of the first look.
+    // Later seeds of the agent that stands for 0 move the scale, but no verdict of the first look.
     let mut grown = results.clone();
     grown
         .trials

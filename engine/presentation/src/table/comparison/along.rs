@@ -5,11 +5,11 @@ use crate::table::{Scope, seeds::listed_first};
 use contract::{trial::TrialCell, trial_result::TrialResult};
 use std::{collections::HashMap, sync::Arc};
 
-/// The axes of a comparison, and the places of its trials on them. Where keys are rows or columns, the remaining keys
-/// make the setting.
+/// The axes of a comparison, and the places of its trials on them. If keys are rows or columns, the remaining keys form
+/// the setting.
 ///
-/// A study may have a million trials in few cells. So the axes hold cells, each with its places, and take the trials
-/// from them at the end.
+/// A study may have a million trials in few cells. Therefore the axes hold cells, each with its places, and take the
+/// trials from them at the end.
 pub(super) struct Axes<'a, 'r> {
     comparison: &'a Comparison,
     cells: Vec<CellOfTrials<'r>>,
@@ -78,8 +78,8 @@ impl<'a, 'r> Axes<'a, 'r> {
         }
     }
 
-    /// The places of some cells along an axis: first in the order that the study lists, then in the order of the
-    /// plan.
+    /// The places of some cells along an axis: first those that the study lists, in its order, then the others in the
+    /// order of the plan.
     pub(super) fn names(&self, some: &[usize], along: &TableAxis) -> Vec<String> {
         let listed: &[String] = match along {
             TableAxis::Axis(Axis::Agent) => &self.comparison.agents,
@@ -89,8 +89,8 @@ impl<'a, 'r> Axes<'a, 'r> {
         listed_first(listed, some.iter().map(|cell| self.place_of(*cell, along)))
     }
 
-    /// The number that one axis has at these places, which are those of a row or column; `None` where several axes have
-    /// a place, or the value there is no number.
+    /// The number that one axis has at the places of a row or column; `None` if several axes have a place, or if the
+    /// value there is no number.
     pub(super) fn number(&self, places: &[(TableAxis, String)]) -> Option<f64> {
         let mut named = places.iter().filter(|(_, name)| !name.is_empty());
         let (Some((along, name)), None) = (named.next(), named.next()) else {

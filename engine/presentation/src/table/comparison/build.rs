@@ -1,4 +1,4 @@
-//! From results to a grid: rows and columns, and the value of each cell.
+//! Builds a grid from results: rows and columns, and the value of each cell.
 
 use super::{Axis, Comparison, Form, Statistic, TableAxis, along::Axes, measure};
 use crate::axis::AS_GIVEN;
@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, HashMap};
 /// Computes the cells of a comparison, without published values.
 ///
 /// # Errors
-/// [`Error::Render`] where no trial fits, or `relative_to` is missing or unknown.
+/// [`Error::Render`] if no trial fits, or if `relative_to` is missing or unknown.
 pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error> {
     let relation = Relation::of(comparison, results)?;
     let mut scope = Scope::of(results, &comparison.agents, &comparison.environments);
@@ -65,7 +65,7 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
 pub(super) struct Relation<'a> {
     form: Form,
     to: Option<&'a str>,
-    /// The other agent's trials by environment and seed; empty where values stand alone.
+    /// The other agent's trials by environment and seed; empty if values are not relative.
     others: HashMap<(&'a str, u64), Vec<&'a TrialResult>>,
 }
 
@@ -116,7 +116,7 @@ impl<'a> Relation<'a> {
         }
     }
 
-    /// The agent that each seed is compared with; `None` where values stand alone.
+    /// The agent that each seed is compared with; `None` if values are not relative.
     pub(super) fn other(&self) -> Option<&'a str> {
         self.to.filter(|_| self.form != Form::Value)
     }
@@ -140,7 +140,8 @@ impl<'a> Relation<'a> {
         scope.trials.iter().copied().chain(others).collect()
     }
 
-    /// The other agent's trial in the same environment with the same seed: of the same setting, or its only one.
+    /// The other agent's trial in the same environment with the same seed: the trial of the same setting, or its only
+    /// one.
     pub(super) fn counterpart(&self, trial: &TrialResult) -> Option<&'a TrialResult> {
         let own = &trial.trial;
         let place = (own.cell.environment.as_str(), own.key.seed);
@@ -164,7 +165,7 @@ impl<'a> Relation<'a> {
             Form::Value => value,
             Form::Difference => value - other,
             Form::Ratio => value / other,
-            // More is better for a negative return, too.
+            // More is better for a negative return too.
             Form::PercentChange => 100.0 * (value / other - 1.0) * other.signum(),
         }
     }
@@ -178,7 +179,7 @@ struct GridLine {
 }
 
 impl GridLine {
-    /// The heading, with steps and updates of the agent where the study asks for them.
+    /// The heading, with steps and updates of the agent if the study asks for them.
     fn heading_with_budget(self, comparison: &Comparison, axes: &Axes<'_, '_>) -> Heading {
         let names_agent = self.at.iter().any(|(along, _)| *along == Axis::Agent.into());
         let budget = if comparison.budgets && names_agent {
@@ -381,7 +382,7 @@ fn format(comparison: &Comparison, form: Form, cells: &[Vec<Cell>]) -> NumberFor
     }
 }
 
-/// Agents that a row's single published value is not about: the one compared with, and rules beside learners.
+/// Agents to which a row's single published value does not apply: the one compared with, and rules beside learners.
 pub(super) fn baselines(comparison: &Comparison, results: &Results) -> Vec<String> {
     let scope = Scope::of(results, &comparison.agents, &comparison.environments);
     let agents = scope.names(Axis::Agent, &comparison.agents);

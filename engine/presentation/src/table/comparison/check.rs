@@ -1,4 +1,4 @@
-//! Comparisons against the names that trials record: metrics, agents, rows and columns.
+//! Checks comparisons against the names that trials record: metrics, agents, rows and columns.
 
 use super::{Axis, Comparison, Form, TableAxis, taken::MeasurementChoice};
 use crate::names::{Names, Picked, Place, quoted};
@@ -38,7 +38,7 @@ pub(super) fn is_relative(spec: &Comparison) -> bool {
     )
 }
 
-/// Says that the agent to compare with is missing.
+/// Reports that the agent to compare with is missing.
 pub(super) fn without_reference(names: &mut Names<'_>, place: &Place<'_>) {
     let message = "`relative_to` is missing: this compares agents with one of them";
     let help = format!("agents: {}", quoted(&names.vocabulary.agents));
@@ -72,7 +72,7 @@ fn reference(name: &str, metric: &str, names: &mut Names<'_>, place: &Place<'_>,
     }
 }
 
-/// Checks a comparison of success: it is judged at the end, and only where the study defines it.
+/// Checks a comparison of success: it is judged at the end, and only if the study defines success.
 fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
     if spec.given_success && !names.recorded(picked).contains(SUCCESS) {
         let message = "`given_success` needs a section `success`: the study does not say what a success is";
@@ -113,7 +113,7 @@ fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picke
     }
 }
 
-/// Checks that rows and columns are two different axes, and that settings are one only with a sweep.
+/// Checks that rows and columns are two different axes, and that settings are an axis only with a sweep.
 fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
     if spec.columns.as_ref() == Some(&spec.rows) {
         let help = "choose another of `agent`, `environment`, `setting`";
@@ -126,8 +126,8 @@ fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
     }
 }
 
-/// Names of the columns: the given steps or axis; else the first of agent, environment and setting that varies and is
-/// no row.
+/// Names of the columns: the given steps or axis; otherwise the first of agent, environment and setting that varies and
+/// is no row.
 fn columns(spec: &Comparison, names: &Names<'_>, picked: &Picked) -> Vec<String> {
     if !spec.at_steps.is_empty() {
         return spec.at_steps.iter().map(u64::to_string).collect();

@@ -1,4 +1,4 @@
-//! The number of one seed: the choice among its trial's measurements, and the relation to another agent's.
+//! The number of one seed: a choice among its trial's measurements, and its relation to the number of another agent.
 
 use super::{
     Comparison,
@@ -12,7 +12,7 @@ use statistics::estimators::{mean, moving_average};
 /// Rule for the number of a trial in one cell.
 pub(super) struct Measure<'a> {
     pub(super) comparison: &'a Comparison,
-    /// The step of the column; `None` where columns are no steps.
+    /// The step of the column; `None` if columns are no steps.
     pub(super) at_step: Option<u64>,
 }
 
@@ -82,7 +82,7 @@ impl Measure<'_> {
                     end => Ok(at_step(of, &values[..end])),
                 }
             }
-            // The only measurement during learning counts as the last one, whatever the step.
+            // The only measurement during learning counts as the last one, regardless of the step.
             (
                 MeasurementChoice::AtSteps {
                     of: StepMeasurement::Last(last),

@@ -104,7 +104,7 @@ impl Default for Comparison {
 }
 
 impl Comparison {
-    /// The form of the values: the given one, else a percentage where they are compared with an agent.
+    /// The form of the values: the given one, or else a percentage if they are compared with an agent.
     #[must_use]
     pub fn resolved_form(&self) -> Form {
         self.form.unwrap_or(if self.relative_to.is_some() {
@@ -256,7 +256,7 @@ pub enum Statistic {
 }
 
 impl Statistic {
-    /// The statistic's name in words.
+    /// The statistic's name as text.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -267,7 +267,7 @@ impl Statistic {
     }
 }
 
-/// How a comparison with `relative_to` is written.
+/// Form in which a comparison with `relative_to` is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Form {

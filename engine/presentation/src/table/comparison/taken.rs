@@ -3,13 +3,13 @@
 use super::Comparison;
 use crate::kinds::Contradiction;
 
-/// Weight of the past in the moving average of `steps_until_above`, where a study gives none.
+/// Weight of the past in the moving average of `steps_until_above`, if a study gives none.
 const WEIGHT_UNTIL_ABOVE: f64 = 0.9;
-/// Weight of the past in the moving average of `at_steps`, where a study gives none.
+/// Weight of the past in the moving average of `at_steps`, if a study gives none.
 const WEIGHT_AT_STEPS: f64 = 0.0;
 
 /// Choice of the measurements that give a trial its number. Agents that do not learn have only a final measurement,
-/// which is taken then.
+/// which is used instead.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) enum MeasurementChoice {
     /// The final measurement.
@@ -30,7 +30,7 @@ pub(super) enum MeasurementChoice {
     AtSteps {
         /// The steps, rising.
         steps: Vec<u64>,
-        /// The measurements up to a step that count.
+        /// Choice among the measurements up to a step.
         of: StepMeasurement,
     },
 }
@@ -38,7 +38,7 @@ pub(super) enum MeasurementChoice {
 /// Choice among the measurements up to a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum StepMeasurement {
-    /// Their moving average with this weight of the past; the last one where it is 0.
+    /// Their moving average with this weight of the past; the last one if the weight is 0.
     Average(f64),
     /// The mean of this many last measurements.
     Last(u64),
@@ -71,7 +71,7 @@ impl Comparison {
 }
 
 impl MeasurementChoice {
-    /// The quantity that a metric becomes, in words.
+    /// The quantity that a metric becomes, as a phrase.
     pub(super) fn phrase(&self, value: &str) -> String {
         match self {
             MeasurementChoice::Final => value.into(),
@@ -108,7 +108,7 @@ impl MeasurementChoice {
     }
 }
 
-/// The option that another one excludes; of several, the first to be removed.
+/// An option that another one excludes; of several, the first to be removed.
 pub(super) fn contradiction(of: &Comparison) -> Option<Contradiction> {
     let (over_steps, until) = (!of.at_steps.is_empty(), of.steps_until_above.is_some());
     let found = |key, message: String, help| {

@@ -46,7 +46,7 @@ fn of_two_keys_that_share_a_last_word_a_whole_name_takes_one() {
             row("2", Some(2.0), [Some(2.0), Some(4.0)])
         ]
     );
-    // The check refuses the last word; without it, nothing is pooled.
+    // The check refuses the last word; if it did not, nothing would be pooled.
     let values: Vec<_> = over("rate", both()).into_iter().flat_map(|row| row.2).collect();
     assert_eq!(values, [1.0, 2.0, 3.0, 4.0].map(Some));
     let of_two_agents = vec![

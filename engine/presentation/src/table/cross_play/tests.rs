@@ -245,6 +245,6 @@ fn a_look_waits_for_every_meeting_of_its_seeds() {
         results.design = Some(SequentialDesign::new(vec![3, 5]));
         looked_at(&results).cells[0][0].looks.complete()
     };
-    // The last trial is of another cell that sets the scale as well.
+    // The last trial belongs to another cell that also sets the scale.
     assert_eq!([None, Some(2), Some(7), Some(35)].map(complete), [1, 0, 0, 0]);
 }

@@ -68,7 +68,7 @@ fn best_of(grid: &Grid, line: &[(usize, usize)]) -> Places {
     }
 }
 
-/// Lower end, value and upper end, with the sign under which more is better.
+/// Lower end, value and upper end, multiplied by the sign with which more is better.
 fn oriented(cell: &Cell, sign: f64) -> Option<(f64, f64, f64)> {
     let value = cell.estimate?;
     let (low, high) = cell.interval.unwrap_or((value, value));
@@ -113,8 +113,8 @@ mod tests {
 
     #[test]
     fn what_overlaps_the_best_is_best_too() {
-        // The second mean is the largest; the interval of the first reaches into its own, that of the third
-        // ends below, and the fourth is missing.
+        // The second mean is the largest. The interval of the first reaches into its own, that of the third ends below,
+        // and the fourth is missing.
         let column = vec![
             vec![Some((0.0, 1.0, 4.5))],
             vec![Some((4.0, 5.0, 6.0))],
@@ -123,7 +123,7 @@ mod tests {
         ];
         let higher = best(&grid(column.clone(), Direction::Higher), &layout(None));
         assert_eq!(higher, [[true], [true], [false], [false]]);
-        // Where less is better the first is the best, and the others reach into its interval.
+        // If less is better, the first is the best, and the others reach into its interval.
         let lower = best(&grid(column.clone(), Direction::Lower), &layout(None));
         assert_eq!(lower, [[true], [true], [true], [false]]);
         let unknown = Grid {

@@ -1,4 +1,4 @@
-//! A table in LaTeX, for documents that load `booktabs`, and `rotating` where one is turned.
+//! A table in LaTeX, for documents that load `booktabs`, and `rotating` if a table is turned.
 
 mod best;
 mod layout;
@@ -16,7 +16,7 @@ use typeset::Column;
 /// TeX's points in a millimetre.
 const POINTS_PER_MM: f64 = 72.27 / 25.4;
 
-/// A floating table with the label `tab:NAME`, set as the study says.
+/// A floating table with the label `tab:NAME`, typeset as the study states.
 #[must_use]
 pub fn latex(grid: &Grid, name: &str) -> String {
     let layout = grid.latex.clone().unwrap_or_else(|| LatexLayout {
@@ -131,7 +131,7 @@ pub fn escape(text: &str) -> String {
     out
 }
 
-/// The command of a symbol that LaTeX knows in formulas alone.
+/// The command of a symbol that LaTeX has only in formulas.
 fn symbol(character: char) -> Option<&'static str> {
     Some(match character {
         '×' => "times",

@@ -1,4 +1,4 @@
-//! Tables set as studies ask, by snapshot and by LaTeX itself where it is installed.
+//! Tables typeset as studies ask, by snapshot and by LaTeX itself if it is installed.
 
 use super::*;
 use crate::table::{

@@ -21,12 +21,12 @@ pub(super) struct Column {
     pub cells: Vec<String>,
     /// Width in points without the gap.
     width: f64,
-    /// The column of the grid that it belongs to and is never parted from; `None` for the headings of the rows.
+    /// The column of the grid that it belongs to and is never separated from; `None` for the headings of the rows.
     group: Option<usize>,
 }
 
 /// Text of a cell in LaTeX and its width in points, each for the part before the decimal point and for the rest. The
-/// first part is `None` where there is no number.
+/// first part is `None` if there is no number.
 struct Text {
     before: Option<(String, f64)>,
     after: (String, f64),
@@ -183,8 +183,8 @@ pub(super) fn width(columns: &[Column]) -> f64 {
     columns.iter().map(|column| column.width + GAP).sum()
 }
 
-/// The columns in groups that fit into some room, each with the headings of the rows. A column that is too wide
-/// stands alone.
+/// The columns in groups that fit into some room, each with the headings of the rows. A column that is too wide has a
+/// table of its own.
 pub(super) fn split(columns: &[Column], room: f64) -> Vec<Vec<&Column>> {
     let Some((rows, rest)) = columns.split_first() else {
         return Vec::new();

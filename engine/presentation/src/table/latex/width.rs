@@ -1,7 +1,7 @@
-//! Width of a text in Computer Modern at 10 points, to find a table that is wider than the text before LaTeX runs.
+//! Width of a text in Computer Modern at 10 points, used to find a table that is wider than the text before LaTeX runs.
 
-/// Widths of the characters from space to tilde in thousandths of an em, by the font metrics of cmr10; characters
-/// that LaTeX takes from another font have the width there.
+/// Widths of the characters from space to tilde in thousandths of an em, from the font metrics of cmr10; characters
+/// that LaTeX takes from another font have their width there.
 const WIDTHS: [u16; 95] = [
     333, 278, 500, 833, 500, 833, 778, 278, 389, 389, 500, 778, 278, 333, 278, 500, // space to /
     500, 500, 500, 500, 500, 500, 500, 500, 500, 500, // digits
@@ -32,7 +32,7 @@ pub(super) enum Face {
 
 /// Width of a text in points.
 pub(super) fn width(text: &str, face: Face) -> f64 {
-    // Hyphens before digits are set as minus signs.
+    // LaTeX prints hyphens before digits as minus signs.
     let signs = text
         .as_bytes()
         .windows(2)

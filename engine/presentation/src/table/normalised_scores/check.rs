@@ -1,4 +1,5 @@
-//! Normalisation of scores against the names that trials record: environments, agents, settings that would be pooled.
+//! Checks normalised scores against the names that trials record: environments, agents, and settings that would be
+//! pooled.
 
 use super::{Bound, Normalisation};
 use crate::names::{Names, Picked, Place, quoted};

@@ -1,7 +1,7 @@
 //! Normalised scores: a seed's value in one environment, scaled so that 0 and 1 stand for a floor and a
 //! ceiling of that environment, as Agarwal et al. 2021, arXiv:2108.13264, pool runs of several environments.
 //!
-//! Floor and ceiling are numbers, or agents of the study whose means over seeds are taken and held fixed.
+//! Floor and ceiling are numbers, or agents of the study whose means over seeds are used and held fixed.
 
 mod check;
 
@@ -34,7 +34,7 @@ pub enum Normalisation {
 pub enum Bound {
     /// A value of the metric.
     Number(f64),
-    /// An agent, whose mean it is.
+    /// The mean of this agent.
     Agent(String),
 }
 
@@ -77,7 +77,7 @@ impl Normalisation {
     }
 }
 
-/// The one agent that is an end of every environment.
+/// The only agent that is an end of every environment.
 fn everywhere(bounds: &BTreeMap<String, [Bound; 2]>, end: usize) -> Option<&str> {
     let mut agents = bounds.values().map(|ends| ends[end].agent());
     let first = agents.next()??;
@@ -89,7 +89,7 @@ fn everywhere(bounds: &BTreeMap<String, [Bound; 2]>, end: usize) -> Option<&str>
 pub struct ScoreScale {
     /// Name of the environment.
     pub environment: String,
-    /// Values of the scores 0 and 1; `None` where an agent that stands for one of them has no value.
+    /// Values of the scores 0 and 1; `None` if an agent that stands for one of them has no value.
     pub ends: Option<[f64; 2]>,
 }
 
@@ -111,7 +111,7 @@ impl ScoreScale {
         Self { environment, ends }
     }
 
-    /// The score of a value; `None` where the scale has no extent or no ends.
+    /// The score of a value; `None` if the scale has no extent or no ends.
     #[must_use]
     pub fn score(&self, value: f64) -> Option<f64> {
         self.ends

@@ -1,4 +1,4 @@
-//! Packs with any bit changed, and packs cut anywhere: a trial that is read is true, or it is not read.
+//! Packs with any bit changed, and packs truncated anywhere: a trial that is read is correct, or it is not read.
 
 use super::{super::form, Bench, trial};
 use crate::store::{Store, StoredTrial, pack::ShortTrial};
@@ -8,7 +8,7 @@ use std::{fs, io::Cursor, path::Path};
 /// Number of trials in the packs.
 const COUNT: u64 = 3;
 
-/// The whole trials in the bytes of a pack, by place.
+/// The intact trials in the bytes of a pack, by place.
 fn held(bytes: &[u8]) -> Vec<Option<ShortTrial>> {
     let index = form::index(&mut Cursor::new(bytes)).unwrap();
     let slice = |at: u64, length: u32| {
@@ -30,7 +30,7 @@ fn held(bytes: &[u8]) -> Vec<Option<ShortTrial>> {
     found
 }
 
-/// Asserts that every trial that is found is true, and returns their number.
+/// Asserts that every trial that is found is correct, and returns their number.
 fn n_true(found: &[Option<ShortTrial>], whole: &[Option<ShortTrial>], place: usize) -> usize {
     for (one, other) in found.iter().zip(whole) {
         assert!(one.is_none() || one == other, "other content at byte {place}");
@@ -45,7 +45,7 @@ fn a_changed_bit_costs_one_trial_at_most_and_a_cut_those_that_it_takes_away() {
     let whole = held(&bytes);
     assert!(whole.iter().all(Option::is_some));
     let entries = form::index(&mut Cursor::new(&bytes)).unwrap().entries;
-    // Metrics are held against one hash, whichever bit of theirs it is: one of each byte is enough.
+    // Metrics are compared with a single hash, whichever of their bits changes, so one bit of each byte is enough.
     let is_metrics = |place: u64| {
         let metrics =
             |entry: &form::PackEntry| entry.at + u64::from(entry.acknowledgement)..entry.at + entry.length();
@@ -69,7 +69,7 @@ fn a_changed_bit_costs_one_trial_at_most_and_a_cut_those_that_it_takes_away() {
     }
 }
 
-/// Asserts that a store with a pack of these bytes reports each trial truly, as missing, or as damaged.
+/// Asserts that a store with a pack of these bytes reports each trial correctly, as missing, or as damaged.
 fn holds(root: &Path, pack: &Path, bytes: &[u8], truth: &[StoredTrial]) {
     fs::write(pack, bytes).unwrap();
     let store = Store::at(root);
