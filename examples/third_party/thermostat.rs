@@ -73,7 +73,8 @@ impl Environment for Room {
             0.1 * (self.config.outside - self.temperature) + 4.0 * heat + rng.random_range(-0.2..0.2);
         self.decisions += 1;
         let end = (self.decisions == self.config.decisions).then_some(End::Truncated);
-        let reward = -(self.temperature - WANTED).powi(2);
+        let off = self.temperature - WANTED;
+        let reward = -off * off;
         Ok(Step::new(vec![vec![self.temperature]], vec![reward], end))
     }
 

@@ -27,6 +27,7 @@ pub mod episode_metrics;
 pub mod error;
 pub mod exact;
 pub mod feed;
+pub mod form_version;
 pub mod metrics_file;
 pub mod own_training;
 pub mod panics;

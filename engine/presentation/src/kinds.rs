@@ -21,8 +21,9 @@ pub struct Kind {
     /// Check for options under the key that exclude each other; `None` if there are none.
     pub contradiction: fn(&Value) -> Option<Contradiction>,
     /// A use of the kind, in a study with the agents `rule`, `other` and `learner` (which learns), whose `discount` is
-    /// swept, the environments `short`, `long` and `pair`, and the play `tag`. `describe` shows it, and a test checks a
-    /// study with it.
+    /// swept, the environments `short`, `long` and `pair`, and the play `tag`; their trials record `return` and `length`.
+    /// `describe` shows it, and a test checks a study with it: it names an agent, and a metric if the kind has a key for
+    /// one.
     pub example: fn() -> &'static str,
 }
 

@@ -64,7 +64,7 @@ pub struct SweptKey {
 
 impl SweptKey {
     fn is_called(&self, name: &str) -> bool {
-        *self.key == *name || last_word(&self.key) == name
+        KeyMatch::of(name, std::iter::once(&*self.key)) != KeyMatch::None
     }
 }
 

@@ -3,7 +3,7 @@
 use super::{Options, Study, json_schema, load, load_text, resolved_yaml};
 use contract::trial::Trial;
 use document::diagnostic::Diagnostic;
-use presentation::figure::LearningCurve;
+use presentation::{figure::LearningCurve, request::Kinds};
 use serde_json::json;
 use std::{
     collections::BTreeSet,
@@ -62,7 +62,32 @@ fn snapshot(folder: &str, path: &Path, text: &str) {
     settings.set_prepend_module_to_snapshot(false);
     settings.set_omit_expression(true);
     let name = path.file_stem().unwrap().to_string_lossy().into_owned();
-    settings.bind(|| insta::assert_snapshot!(name, text.replace(SPECS, "tests/specs")));
+    let text = without_kinds(&text.replace(SPECS, "tests/specs"));
+    settings.bind(|| insta::assert_snapshot!(name, text));
+}
+
+/// The same text with one word for the names of kinds where all are listed, so that a new kind changes no message.
+fn without_kinds(text: &str) -> String {
+    let kinds = Kinds::default();
+    let sections = [("tables", kinds.of_tables()), ("figures", kinds.of_figures())];
+    let sections = sections.map(|(section, kinds)| {
+        let names: Vec<String> = kinds.iter().map(|kind| format!("`{}`", kind.name)).collect();
+        (format!("[kinds of {section}]"), names)
+    });
+    let line = |line: &str| {
+        let listed = |names: &[String]| names.iter().all(|name| line.contains(name.as_str()));
+        let Some((word, names)) = sections.iter().find(|(_, names)| listed(names)) else {
+            return line.to_owned();
+        };
+        // The first name of the list may be a suggestion before it.
+        let from = line.find("known: ").or_else(|| line.find("one of ")).unwrap_or(0);
+        let (before, list) = line.split_at(from);
+        let (head, list) = list.split_at(list.find('`').unwrap_or(0));
+        let others = list.split(", ").filter(|name| !names.iter().any(|it| it == name));
+        let words: Vec<&str> = others.chain([word.as_str()]).collect();
+        format!("{before}{head}{}", words.join(", "))
+    };
+    text.lines().map(line).collect::<Vec<_>>().join("\n")
 }
 
 #[test]

@@ -71,15 +71,8 @@ fn load(section: &str, kind: &Kind, options: &str) -> Result<Study, Vec<Diagnost
     study::load_text(&text, "study.yaml", Path::new(""), &toys(), &options)
 }
 
-/// Kinds that show what trials leave instead of what they record, and name no metric.
-const WITHOUT_METRICS: [&str; 6] = [
-    "graph",
-    "images",
-    "best_settings",
-    "best_so_far",
-    "importance",
-    "parallel_coordinates",
-];
+/// Keys under which kinds name what trials record. A kind without any shows artifacts or a search.
+const OF_METRICS: [&str; 7] = ["channels", "metric", "of", "surface", "value", "values", "x"];
 
 /// The example of a kind, with the first of `words` that occurs in it replaced by an unknown name; `None` if none
 /// occurs.
@@ -168,15 +161,23 @@ fn every_kind_is_described_with_the_keys_of_its_schema() {
 
 #[test]
 fn every_kind_refuses_what_it_does_not_know_where_it_stands() {
+    let schema = study::json_schema(&toys());
     for (section, kind) in all() {
         let unknown_key = (kind.example)().replacen('{', "{ nonsense: 1,", 1);
         let metric = with_unknown(&kind, &["return", "height"]);
         let agent = with_unknown(&kind, &["learner", "runner"]);
         assert!(agent.is_some(), "{} names no agent", kind.name);
-        assert_eq!(
-            metric.is_none(),
-            WITHOUT_METRICS.contains(&kind.name),
-            "{} and its metrics",
+        let path = [section, "any name", kind.name].map(String::from);
+        let options = View::new(&schema, &schema)
+            .descend(&path)
+            .unwrap()
+            .as_struct()
+            .unwrap();
+        let mut keys = options.property_names().into_iter();
+        let names_metrics = keys.any(|key| OF_METRICS.contains(&&*key));
+        assert!(
+            metric.is_some() || !names_metrics,
+            "the example of {} names no metric",
             kind.name
         );
         for options in [Some(unknown_key), metric, agent].into_iter().flatten() {

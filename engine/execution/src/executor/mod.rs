@@ -46,7 +46,7 @@ use std::{
 };
 
 /// The executors of the engine, each by the function that makes its entry.
-const OWN: [fn() -> ExecutorKind; 5] = [
+const OWN: &[fn() -> ExecutorKind] = &[
     kind::local,
     ssh::kind,
     slurm::kind,

@@ -16,7 +16,7 @@ use crate::{
     store::{self, Fault, Finding, Findings, Store, flush_way, names, write_durably},
     world::{fs, process},
 };
-use contract::Error;
+use contract::{Error, form_version::form_version};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::{
@@ -301,8 +301,7 @@ fn read(store: &Path, folder: &Path) -> Result<Option<Submission>, Error> {
         path: path.clone(),
         problem: source.to_string(),
     };
-    let version: Version = serde_json::from_slice(&text).map_err(damaged)?;
-    if version.schema > SCHEMA {
+    if form_version(&text).map_err(damaged)? > SCHEMA {
         return Ok(None);
     }
     let submission: Submission = serde_json::from_slice(&text).map_err(damaged)?;
@@ -310,12 +309,6 @@ fn read(store: &Path, folder: &Path) -> Result<Option<Submission>, Error> {
         store: store.to_path_buf(),
         ..submission
     }))
-}
-
-/// Part of the record that every version has.
-#[derive(Deserialize)]
-struct Version {
-    schema: u32,
 }
 
 /// Creates a folder under a name that no other submission has; uses the system's randomness and no clock.

@@ -7,6 +7,7 @@ use super::{Store, TRIAL_SCHEMA, inside, names, seal::is_sealed};
 use crate::store::{StoredCell, Took};
 use contract::{
     Build, Error,
+    form_version::form_version,
     trial::{Trial, trial_id},
     trial_end::{EndState, TrialEnd},
 };
@@ -267,11 +268,7 @@ struct Replicate {
 
 /// Signs that a later program wrote a `trial.json`. A text whose checksum does not match is not used.
 pub(super) fn newer(text: &[u8]) -> Option<String> {
-    #[derive(Deserialize)]
-    struct Version {
-        schema: u32,
-    }
-    let Version { schema } = serde_json::from_slice(text).ok()?;
+    let schema = form_version(text).ok()?;
     (schema > TRIAL_SCHEMA && is_sealed(text)).then(|| format!("version {schema} of its form"))
 }
 

@@ -7,7 +7,7 @@
 
 use super::{Fault, Finding, Findings, LOOKS, Store, inside, names, seal, write_durably};
 use crate::world::fs;
-use contract::Error;
+use contract::{Error, form_version::form_version};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -172,10 +172,6 @@ fn bytes_of(seen: &SeenVerdicts, path: &Path) -> Result<Vec<u8>, Error> {
 }
 
 fn parse(text: &[u8], path: &Path) -> Result<SeenVerdicts, Error> {
-    #[derive(Deserialize)]
-    struct Version {
-        schema: u32,
-    }
     let Some(object) = seal::unsealed(text) else {
         // A record of an earlier program has neither a checksum nor a version.
         let seen = serde_json::from_slice(text).ok();
@@ -183,8 +179,7 @@ fn parse(text: &[u8], path: &Path) -> Result<SeenVerdicts, Error> {
         return earlier
             .ok_or_else(|| damaged(path, "it was changed or cut off: its check does not hold".into()));
     };
-    let version: Result<Version, _> = serde_json::from_slice(&object);
-    if let Some(schema) = version.ok().map(|it| it.schema).filter(|schema| *schema > SCHEMA) {
+    if let Some(schema) = form_version(&object).ok().filter(|schema| *schema > SCHEMA) {
         let (path, problem) = (path.to_owned(), format!("version {schema} of its form"));
         return Err(Error::Newer { path, problem });
     }

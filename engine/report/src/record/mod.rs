@@ -22,6 +22,7 @@ use analysis::{
 };
 use contract::{
     Error,
+    form_version::form_version,
     trial::{Combination, Trial},
 };
 use execution::store::{SeenVerdicts, write_durably};
@@ -135,19 +136,15 @@ impl Record {
     }
 
     fn parse(bytes: &[u8], path: &Path) -> Result<Self, Error> {
-        #[derive(Deserialize)]
-        struct Version {
-            schema: u32,
-        }
         let wrong = |source: serde_json::Error| Error::Record {
             path: path.into(),
             problem: format!("holds no record: {source}"),
         };
-        let version: Version = serde_json::from_slice(bytes).map_err(wrong)?;
-        if version.schema > SCHEMA {
+        let schema = form_version(bytes).map_err(wrong)?;
+        if schema > SCHEMA {
             return Err(Error::Newer {
                 path: path.into(),
-                problem: format!("version {} of its form", version.schema),
+                problem: format!("version {schema} of its form"),
             });
         }
         serde_json::from_slice(bytes).map_err(wrong)
