@@ -2,7 +2,7 @@
 
 use super::{
     Contents,
-    contents::ClaimLine,
+    claim_line::ClaimLine,
     sheet::{Sheet, SheetEntry, Tone},
 };
 use analysis::claim::ClaimVerdict;

@@ -6,7 +6,8 @@
 
 use super::{
     budgets,
-    contents::{ClaimLine, Contents, claim_lines, make_table},
+    claim_line::{ClaimLine, claim_lines},
+    contents::{Contents, make_table},
     passed::words,
     rounds::{ConfirmedVerdict, RoundVerdict},
     sheet::{NONE, Sheet, SheetEntry, Tone},

@@ -1,7 +1,7 @@
 //! Verdicts that a report passes, each on a published value or a claim.
 
 use super::{
-    contents::{ClaimLine, UNREAD},
+    claim_line::{ClaimLine, UNREAD},
     effort::Effort,
     rounds::RoundVerdict,
 };
