@@ -1,6 +1,7 @@
 //! Complete configs of plugins. A study may have a million of them that differ in a few values; each holds only its
 //! differences from a common one.
 
+use crate::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::DeserializeOwned};
 use serde_json::Value;
 use std::{
@@ -55,6 +56,25 @@ impl CompleteConfig {
         let made = Self::from(serde_json::to_value(&config)?);
         made.0.typed.get_or_init(|| Box::new(config));
         Ok(made)
+    }
+
+    /// A complete config from one that is given: the plugin's own struct is read from it, with its defaults.
+    ///
+    /// # Errors
+    /// A config that does not fit the struct.
+    pub fn read<C: Serialize + DeserializeOwned + Any + Send + Sync>(
+        given: &Value,
+    ) -> Result<Self, serde_json::Error> {
+        Self::of(C::deserialize(given)?)
+    }
+
+    /// The plugin's own struct, to build the plugin with.
+    ///
+    /// # Errors
+    /// [`Error::Config`] where the config does not fit the struct.
+    pub fn expected<C: DeserializeOwned + Clone + Any + Send + Sync>(&self) -> Result<C, Error> {
+        self.typed()
+            .map_err(|source| Error::config("config", source.to_string()))
     }
 
     /// The plugin's own struct. It is read once for all clones, unless plugins of several types read one config.

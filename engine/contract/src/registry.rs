@@ -225,7 +225,7 @@ impl Registry {
     ) {
         let entry = EnvironmentEntry {
             about: describe::<C>(version, about),
-            build: Box::new(move |config| build(typed(config)?)),
+            build: Box::new(move |config| build(config.expected()?)),
             names: |_| Vec::new(),
         };
         assert!(
@@ -254,7 +254,7 @@ impl Registry {
                 if interface.seats.is_empty() && !trains_itself {
                     return Err(no_seats(name));
                 }
-                build(typed(config)?, interface, rng)
+                build(config.expected()?, interface, rng)
             }),
         };
         assert!(
@@ -277,7 +277,7 @@ impl Registry {
     ) {
         let entry = ProtocolEntry {
             about: describe::<C>(version, about),
-            build: Box::new(move |config| build(typed(config)?)),
+            build: Box::new(move |config| build(config.expected()?)),
             without_training: Box::new(move |config| CompleteConfig::of(without_training(config.typed()?))),
             own_training: None,
         };
@@ -327,12 +327,6 @@ fn no_seats(agent: &'static str) -> Error {
     }
 }
 
-fn typed<C: Config>(config: &CompleteConfig) -> Result<C, Error> {
-    config
-        .typed()
-        .map_err(|source| Error::config("config", source.to_string()))
-}
-
 fn describe<C: Config>(version: u32, about: &'static str) -> About {
     About {
         about,
@@ -342,6 +336,6 @@ fn describe<C: Config>(version: u32, about: &'static str) -> About {
         defaults: CompleteConfig::of(C::default()).expect("a config serialises"),
         schema: schemars::schema_for!(C),
         presets: C::presets(),
-        resolve: Box::new(|raw| CompleteConfig::of(C::deserialize(raw)?)),
+        resolve: Box::new(CompleteConfig::read::<C>),
     }
 }

@@ -9,7 +9,7 @@ use document::diagnostic::{Span, suggest};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::borrow::Cow;
+use std::{borrow::Cow, collections::HashSet};
 
 /// Name of the setting of agents that no sweep varies, shown beside swept settings.
 pub(crate) const AS_GIVEN: &str = "as given";
@@ -129,6 +129,19 @@ impl TableAxis {
             TableAxis::Axis(Axis::Setting) => settings_of(names, picked),
         }
     }
+}
+
+/// The names in `present`, each once: first those in `listed`, in that order, then the others in their own order.
+pub(crate) fn listed_first<'n>(listed: &[String], present: impl Iterator<Item = &'n str>) -> Vec<String> {
+    let mut seen = HashSet::new();
+    let present: Vec<&str> = present.filter(|name| seen.insert(*name)).collect();
+    let is_listed = |name: &&str| listed.iter().any(|known| known == name);
+    let first = listed.iter().filter(|name| seen.contains(name.as_str())).cloned();
+    let rest = present
+        .into_iter()
+        .filter(|name| !is_listed(name))
+        .map(str::to_owned);
+    first.chain(rest).collect()
 }
 
 /// Reports a name that matches no swept key, in the words of `unknown`, or several keys of one setting. The names in

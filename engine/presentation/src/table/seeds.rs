@@ -1,30 +1,18 @@
 //! The trials behind a cell or a line, and the value of each seed.
 
 use super::{Axis, MissingReason, MissingSeeds};
+use crate::axis::listed_first;
 use analysis::results::Results;
 use contract::{
     Phase, standard_metrics::UPDATES, trial::Purpose, trial_end::EndState, trial_result::TrialResult,
 };
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 
 /// Trials that share an agent, an environment or a setting.
 #[derive(Debug, Clone)]
 pub struct Scope<'a> {
     /// The trials, in the order of the plan.
     pub trials: Vec<&'a TrialResult>,
-}
-
-/// The names in `present`, each once: first those in `listed`, in that order, then the others in their own order.
-pub(super) fn listed_first<'n>(listed: &[String], present: impl Iterator<Item = &'n str>) -> Vec<String> {
-    let mut seen = HashSet::new();
-    let present: Vec<&str> = present.filter(|name| seen.insert(*name)).collect();
-    let is_listed = |name: &&str| listed.iter().any(|known| known == name);
-    let first = listed.iter().filter(|name| seen.contains(name.as_str())).cloned();
-    let rest = present
-        .into_iter()
-        .filter(|name| !is_listed(name))
-        .map(str::to_owned);
-    first.chain(rest).collect()
 }
 
 impl<'a> Scope<'a> {

@@ -5,7 +5,7 @@ mod grid;
 use crate::{
     cell::{Cell, Place},
     checked_sections::Sections,
-    config::{self, Files},
+    config::{self, Files, Plugin},
     overrides::Override,
     part::{ConfigOrigin, Form, ResolvedPart},
     schedule::ScheduleStretch,
@@ -196,6 +196,70 @@ impl<'a> PartCache<'a> {
         let outcome = resolved.map(Arc::new);
         self.parts.insert(given, outcome.clone());
         outcome
+    }
+}
+
+impl Sections<'_> {
+    /// The config of a part with overrides and swept values written into it.
+    #[must_use]
+    pub fn assigned(&self, given: &ConfigOrigin) -> Node {
+        let mut config = self
+            .written
+            .part(given.target)
+            .map_or_else(|| Node::empty_mapping(Default::default()), |it| it.config.clone());
+        for index in &given.overrides {
+            for (_, path, value) in self.overrides[*index]
+                .set
+                .iter()
+                .filter(|(_, path, _)| path.target == given.target)
+            {
+                path.assign(&mut config, value);
+            }
+        }
+        for (index, point) in &given.points {
+            for key in self.dimensions[*index]
+                .keys
+                .iter()
+                .filter(|key| key.path.target == given.target)
+            {
+                key.assign(*point, &mut config);
+            }
+        }
+        if let Some((search, point)) = given.tried {
+            self.searches[search].assign(point, &mut config);
+        }
+        if let Some(stretch) = given.stretch {
+            stretch.assign(&self.searches[stretch.search].search.name, &mut config);
+        }
+        config
+    }
+
+    /// Makes the complete config of a part.
+    pub(crate) fn resolve(
+        &self,
+        plugin: &Plugin<'_>,
+        given: ConfigOrigin,
+        files: &mut Files<'_>,
+    ) -> Result<ResolvedPart, Vec<Diagnostic>> {
+        let config = self.assigned(&given);
+        let mut part = config::resolve(plugin, &config, files, self.sources)?;
+        let protocol = || &self.registry.protocols[plugin.name];
+        let changed = match given.form {
+            Form::Trained => None,
+            Form::Alone => Some((protocol().without_training)(&part.config)),
+            // A protocol without a form for such agents is refused together with the agent.
+            Form::Own(measured) => {
+                let own = protocol().own_training.as_ref();
+                own.map(|changed| changed(&part.config, measured))
+            }
+        };
+        if let Some(changed) = changed {
+            part.config = changed.map_err(|error| {
+                let message = format!("`{}` has no form for this agent: {error}", plugin.name);
+                vec![self.sources.error(plugin.span, &plugin.at, message)]
+            })?;
+        }
+        Ok(ResolvedPart::new(part, given))
     }
 }
 

@@ -1,7 +1,7 @@
 //! The cells of a comparison by their places along its axes.
 
 use super::{Axis, Comparison, TableAxis};
-use crate::table::{Scope, seeds::listed_first};
+use crate::{axis::listed_first, table::Scope};
 use contract::{trial::TrialCell, trial_result::TrialResult};
 use std::{collections::HashMap, sync::Arc};
 
