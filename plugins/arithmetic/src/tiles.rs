@@ -50,15 +50,17 @@ impl Packed {
     /// Packs another factor in the same memory.
     pub fn pack(&mut self, factor: Matrix) {
         (self.rows, self.columns) = (factor.rows, factor.columns);
-        self.panels.clear();
-        self.panels
-            .resize(self.columns.div_ceil(PANEL) * self.rows, PanelRow([0.0; PANEL]));
+        let n_rows = self.columns.div_ceil(PANEL) * self.rows;
+        self.panels.resize(n_rows, PanelRow([0.0; PANEL]));
         if self.rows == 0 {
             return;
         }
         for (number, panel) in self.panels.chunks_exact_mut(self.rows).enumerate() {
             let first = number * PANEL;
             let width = PANEL.min(self.columns - first);
+            if width < PANEL {
+                panel.iter_mut().for_each(|row| row.0[width..].fill(0.0));
+            }
             if factor.is_transposed {
                 let columns = factor.values.chunks_exact(self.rows).skip(first).take(width);
                 for (place, column) in columns.enumerate() {

@@ -7,7 +7,7 @@ use crate::operations::{Function, Operation, Pair};
 use crate::scalar::{Scalar, combine, map};
 
 /// Number of entries that go through all operations of a loop at a time.
-const PIECE: usize = 256;
+const PIECE: usize = 1024;
 
 /// Place from which an operand is read.
 #[derive(Debug, Clone, Copy)]
