@@ -169,7 +169,7 @@ impl Algorithm for Config {
 pub(crate) struct Parts<'e> {
     /// `log rho` of the model's draws.
     pub(crate) log_density: Expression<'e>,
-    /// What the critics say of them.
+    /// Values of the critics for them.
     pub(crate) value: Expression<'e>,
 }
 

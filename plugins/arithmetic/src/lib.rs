@@ -3,9 +3,9 @@
 //! A result depends only on the arguments, not on the width of vectors, the C library, the number of threads, or the
 //! number of trials that are computed in parallel. Everything here consists of
 //!
-//! - - sums, differences, products, quotients and square roots, each rounded to the nearest number according to IEEE
+//! - sums, differences, products, quotients and square roots, each rounded to the nearest number according to IEEE
 //!   754,
-//! - - fused multiply-adds, but only where this crate states them (the chains of [`products`]),
+//! - fused multiply-adds, but only where this crate states them (the chains of [`products`]),
 //! - comparisons, operations on bits and conversions between integers and numbers,
 //!
 //! in an order that is stated and that no compiler may change: Rust neither reorders nor contracts operations on

@@ -122,7 +122,7 @@ impl Agent for ProgramAgent {
         };
         match &self.policy {
             Some(policy) => Policy::leave(policy.bytes(), folder)?,
-            None => Policy::leave(&Policy::specimen(seat), folder)?,
+            None => Policy::leave(&Policy::stub(seat), folder)?,
         }
         Ok(true)
     }

@@ -82,7 +82,7 @@ impl Policy {
     }
 
     /// A policy stub that returns zeros, for the rehearsal of `check`.
-    pub fn specimen(seat: &Seat) -> Vec<u8> {
+    pub fn stub(seat: &Seat) -> Vec<u8> {
         let (n_seen, n_acted) = (seat.observation.len(), seat.action.len());
         let (mut graph, observation) = Graph::of_observation(n_seen);
         let weights = graph.constant("weight", &[n_seen, n_acted], &vec![0.0; n_seen * n_acted]);
@@ -266,10 +266,10 @@ mod tests {
     }
 
     #[test]
-    fn a_specimen_fits_its_seat() {
+    fn a_stub_fits_its_seat() {
         let folder = tempfile::tempdir().unwrap();
         let seat = seat(Space::Discrete(names(3)));
-        Policy::leave(&Policy::specimen(&seat), folder.path()).unwrap();
+        Policy::leave(&Policy::stub(&seat), folder.path()).unwrap();
         assert_eq!(
             Policy::taken_up(folder.path(), &seat)
                 .unwrap()

@@ -69,7 +69,7 @@ impl Protocol for EpisodeGathering {
         vec![ArtifactKind::Dataset]
     }
 
-    fn write_specimen(&self, interface: &Interface, folder: &Path) -> Result<(), Error> {
+    fn write_stub(&self, interface: &Interface, folder: &Path) -> Result<(), Error> {
         Dataset::write_empty(folder, interface)
     }
 

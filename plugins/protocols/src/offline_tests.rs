@@ -546,7 +546,7 @@ fn an_unsuitable_dataset_is_refused_with_a_remedy() {
         .unwrap();
     assert!(
         (registry.protocols["offline_fit"].build)(&protocol).is_ok(),
-        "a specimen is empty"
+        "a stub is empty"
     );
     let text = refusal(&empty, products.path());
     assert!(
@@ -612,7 +612,7 @@ fn of_several_seats_all_is_gathered_and_the_full_state_too() {
 }
 
 #[test]
-fn the_specimen_of_what_is_gathered_is_an_empty_dataset() {
+fn the_stub_of_what_is_gathered_is_an_empty_dataset() {
     let folder = tempfile::tempdir().unwrap();
     let registry = registry();
     let entry = &registry.protocols["gather"];
@@ -622,7 +622,7 @@ fn the_specimen_of_what_is_gathered_is_an_empty_dataset() {
         seats: vec![seat("0")],
         state: Vec::new(),
     };
-    protocol.write_specimen(&interface, folder.path()).unwrap();
+    protocol.write_stub(&interface, folder.path()).unwrap();
     assert_eq!(
         Dataset::read_for(folder.path(), &interface).unwrap(),
         Dataset {

@@ -174,7 +174,7 @@ fn every_kind_refuses_what_it_does_not_know_where_it_stands() {
             .as_struct()
             .unwrap();
         let mut keys = options.property_names().into_iter();
-        let names_metrics = keys.any(|key| OF_METRICS.contains(&&*key));
+        let names_metrics = keys.any(|key| OF_METRICS.contains(&key));
         assert!(
             metric.is_some() || !names_metrics,
             "the example of {} names no metric",

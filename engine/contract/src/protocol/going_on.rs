@@ -43,7 +43,7 @@ pub fn leave(run: &Run<'_>, protocol: &impl Serialize) -> Result<(), Error> {
 ///
 /// # Errors
 /// A file cannot be written.
-pub fn write_specimen(trial: &Path, agent: &dyn Agent) -> Result<(), Error> {
+pub fn write_stub(trial: &Path, agent: &dyn Agent) -> Result<(), Error> {
     write(trial, &Value::Null, agent, &Recorder::default())
 }
 

@@ -21,7 +21,7 @@ pub use evaluation::{
 };
 pub use going_on::{
     leave as leave_checkpoint, load_agent as load_from_checkpoint, misfit as checkpoint_misfit,
-    take_up as take_up_checkpoint, write_specimen as write_checkpoint_specimen,
+    take_up as take_up_checkpoint, write_stub as write_checkpoint_stub,
 };
 pub use position::{Blocks, Position, restored};
 
@@ -178,7 +178,7 @@ pub trait Protocol: Send + Sync {
     ///
     /// # Errors
     /// A file cannot be written.
-    fn write_specimen(&self, _interface: &Interface, _folder: &Path) -> Result<(), Error> {
+    fn write_stub(&self, _interface: &Interface, _folder: &Path) -> Result<(), Error> {
         Ok(())
     }
 

@@ -5,8 +5,8 @@
 //! started again. Short trials do not become jobs of their own, and limits on the number of jobs do not limit the
 //! number of trials.
 //!
-//! - - An [`Executor`] defines a task and writes the text to submit for it.
-//! - - If it has a [`Queue`], [`Dispatch`] keeps the number of tasks in it that the missing trials need, and waits.
+//! - An [`Executor`] defines a task and writes the text to submit for it.
+//! - If it has a [`Queue`], [`Dispatch`] keeps the number of tasks in it that the missing trials need, and waits.
 //! - [`all`] is the list of executors, to which other crates add theirs by [`RegisterExecutor`]; [`slurm`] and
 //!   [`hyperqueue`] have queues, [`kubernetes`] writes a manifest and
 //!   starts nothing, and [`ssh`] names hosts whose trials the scheduler of this machine runs itself.

@@ -1,14 +1,14 @@
 //! Several programs work on one store while processes are killed and halted, machines lose their power, clocks jump,
 //! calls fail and the disk is full. These properties must still hold:
 //!
-//! 1. 1. A trial that was reported as ended has ended, with the same bytes, and does not run again, even if it was
+//! 1. A trial that was reported as ended has ended, with the same bytes, and does not run again, even if it was
 //!    packed.
 //! 2. Two computations of a trial give the same bytes.
 //! 3. A saved step of a trial is there when the trial continues.
-//! 4. 4. No process takes a trial from a process that is alive and renews its lease.
-//! 5. 5. When the faults stop, everything is computed, and no lease of a process that is gone remains.
+//! 4. No process takes a trial from a process that is alive and renews its lease.
+//! 5. When the faults stop, everything is computed, and no lease of a process that is gone remains.
 //! 6. No file outside the store is touched.
-//! 7. 7. Measurements of a trial at a pause are stored from the moment they are reported, and a search that pauses its
+//! 7. Measurements of a trial at a pause are stored from the moment they are reported, and a search that pauses its
 //!    trials makes the same choice, whatever failed meanwhile.
 //!
 //! A seed that fails is printed; `REGIMEN_SIM_SEED=<seed>` runs it alone and prints its calls.

@@ -5,7 +5,7 @@ use super::Builder;
 use crate::{cell::Cell, dependencies, parts, search::LocatedSearch};
 use contract::{
     Agent, ArtifactKind, Interface,
-    protocol::{load_from_checkpoint, write_checkpoint_specimen},
+    protocol::{load_from_checkpoint, write_checkpoint_stub},
     random,
 };
 use document::diagnostic::Diagnostic;
@@ -55,7 +55,7 @@ impl Builder<'_> {
         let Some(first) = self.member(searched, &shares, interface) else {
             return Ok(());
         };
-        if write_checkpoint_specimen(folder.path(), &*first).is_err() {
+        if write_checkpoint_stub(folder.path(), &*first).is_err() {
             return Ok(());
         }
         for key in 0..shares.len() {

@@ -9,7 +9,7 @@ use crate::{
 };
 use contract::{
     Agent, ArtifactKind, Error, Interface, artifact::Taken, complete_config::CompleteConfig,
-    protocol::write_checkpoint_specimen, random,
+    protocol::write_checkpoint_stub, random,
 };
 use document::diagnostic::Diagnostic;
 use execution::world::fs;
@@ -68,13 +68,13 @@ impl Builder<'_> {
         });
         let made = match first.filter(|first| *first != index) {
             Some(first) => self.stub(first),
-            None => self.make_specimen(index, &cell),
+            None => self.make_stub(index, &cell),
         };
         self.stubs.folders.insert(index, made.clone());
         made
     }
 
-    fn make_specimen(&mut self, index: usize, cell: &Cell) -> Option<PathBuf> {
+    fn make_stub(&mut self, index: usize, cell: &Cell) -> Option<PathBuf> {
         if !self.sources_are_there(cell).ok()? {
             return None;
         }
@@ -89,9 +89,9 @@ impl Builder<'_> {
             agent.export(&folder).ok()?;
         }
         if protocol.leaves().contains(&ArtifactKind::Checkpoint) {
-            write_checkpoint_specimen(&folder, &*agent).ok()?;
+            write_checkpoint_stub(&folder, &*agent).ok()?;
         }
-        protocol.write_specimen(&facts.interface, &folder).ok()?;
+        protocol.write_stub(&facts.interface, &folder).ok()?;
         Some(folder)
     }
 

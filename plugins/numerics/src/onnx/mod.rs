@@ -6,9 +6,9 @@
 //! policy.
 //!
 //! Everything is computed in `float32`, as the networks are. Scaling of inputs and outputs is given in `f64`:
-//! - - `(x - center) / spread` subtracts the centre in two parts, its `float32` and the remainder, so that no digit is
+//! - `(x - center) / spread` subtracts the centre in two parts, its `float32` and the remainder, so that no digit is
 //!   lost if a channel varies little around a large value; the spread is its `float32`.
-//! - - `softplus(x) = max(x, 0) + 2 artanh(t / (2 + t))` with `t = e^-|x|`, which equals `ln(1 + t)` to the last digits
+//! - `softplus(x) = max(x, 0) + 2 artanh(t / (2 + t))` with `t = e^-|x|`, which equals `ln(1 + t)` to the last digits
 //!   even if `t` is small, in operators that need no `log1p`.
 //!
 //! For the same `float32` observation, as an environment shows it, the actions of a runtime and of

@@ -141,7 +141,7 @@ impl Protocol for Search {
         ]
     }
 
-    fn write_specimen(&self, interface: &Interface, folder: &Path) -> Result<(), Error> {
+    fn write_stub(&self, interface: &Interface, folder: &Path) -> Result<(), Error> {
         Designs::default().write(folder)?;
         Dataset::write_empty(folder, interface)
     }

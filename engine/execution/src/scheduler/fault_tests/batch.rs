@@ -3,7 +3,7 @@
 //! without answering. Two more properties hold:
 //!
 //! 1. No task lives without a record of its job in the store.
-//! 2. 2. Together, the waiting programs submit no more tasks than trials are missing, unless one of them sees an
+//! 2. Together, the waiting programs submit no more tasks than trials are missing, unless one of them sees an
 //!    outdated list of records or was halted between its check and its submission.
 //!
 //! `REGIMEN_SIM_BATCH=<seed>` runs one seed alone.
