@@ -333,7 +333,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: FinishedSections) -> Stu
         searches: sections
             .searches
             .iter()
-            .map(|it| (it.search.clone(), it.progress.clone()))
+            .map(search::LocatedSearch::unlocated)
             .collect(),
         metrics: vocabulary.metrics,
         units: vocabulary.units,

@@ -107,6 +107,11 @@ pub struct LocatedSearch<'a> {
 }
 
 impl LocatedSearch<'_> {
+    /// The search and its progress, without places in the study.
+    pub(super) fn unlocated(&self) -> (Search, Progress) {
+        (self.search.clone(), self.progress.clone())
+    }
+
     /// Environment and agent, by their indices.
     #[must_use]
     pub fn pair(&self) -> (usize, usize) {

@@ -226,39 +226,8 @@ fn swept_key<'a>(
 ) -> Result<LocatedKey<'a>, Vec<Diagnostic>> {
     let at = format!("sweep.{}", entry.key);
     let path = path::find(&entry.key, entry.key_span, &at, written, schema, sources)?;
-    if path.target == Target::Seeds {
-        let error = sources.error(
-            entry.key_span,
-            &at,
-            "seeds cannot be swept: a seed is a replicate, not a setting",
-        );
-        return Err(vec![
-            error.help("write `seeds: N` or a list of seeds at the top level"),
-        ]);
-    }
-    if matches!(path.target, Target::Play(_)) {
-        let error = sources.error(entry.key_span, &at, "a play cannot be swept");
-        return Err(vec![error.help("write a second play under `cross_play`")]);
-    }
-    if matches!(path.target, Target::Search(_)) {
-        let error = sources.error(entry.key_span, &at, "a search cannot be swept");
-        return Err(vec![error.help("write a second search, of an agent of its own")]);
-    }
-    if matches!(path.target, Target::Prepared(..)) {
-        let error = sources.error(
-            entry.key_span,
-            &at,
-            "what an entry of `prepare` is made of cannot be swept",
-        );
-        return Err(vec![error.help(
-            "give each value an entry of its own, and sweep or override which one is taken",
-        )]);
-    }
-    if path.is_preset() {
-        let error = sources.error(entry.key_span, &at, "a preset cannot be swept");
-        return Err(vec![error.help(
-            "give each preset a name of its own under `environments` or `agents`",
-        )]);
+    if let Some((message, help)) = not_swept(&path) {
+        return Err(vec![sources.error(entry.key_span, &at, message).help(help)]);
     }
     let (values, nodes) = values(generator, &path, &at, sources).map_err(|error| vec![*error])?;
     let wrong: Vec<Diagnostic> = nodes
@@ -282,6 +251,30 @@ fn swept_key<'a>(
         })
     } else {
         Err(wrong)
+    }
+}
+
+/// Why the value at a path cannot be swept, with what to write instead; `None` where it can.
+fn not_swept(path: &KeyPath<'_>) -> Option<(&'static str, &'static str)> {
+    match path.target {
+        Target::Seeds => Some((
+            "seeds cannot be swept: a seed is a replicate, not a setting",
+            "write `seeds: N` or a list of seeds at the top level",
+        )),
+        Target::Play(_) => Some(("a play cannot be swept", "write a second play under `cross_play`")),
+        Target::Search(_) => Some((
+            "a search cannot be swept",
+            "write a second search, of an agent of its own",
+        )),
+        Target::Prepared(..) => Some((
+            "what an entry of `prepare` is made of cannot be swept",
+            "give each value an entry of its own, and sweep or override which one is taken",
+        )),
+        _ if path.is_preset() => Some((
+            "a preset cannot be swept",
+            "give each preset a name of its own under `environments` or `agents`",
+        )),
+        _ => None,
     }
 }
 

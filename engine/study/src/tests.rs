@@ -220,6 +220,25 @@ fn configs_of_a_sweep_are_those_of_studies_without_one_and_trials_are_counted_wi
 }
 
 #[test]
+fn a_swept_key_is_that_of_its_agent_however_it_is_written() {
+    let study = |rest: &str| {
+        let text = "study: walk\nenvironments: { short: { corridor: { cells: 5 } } }\nagents:\n  one: { q_learning: {} }\n  \
+                    two: { q_learning: {} }\n  walker: { walker: {} }\nprotocol: { train_evaluate: { steps: 1000 } }\n\
+                    seeds: 2\nsweep:\n  agents.one.learning_rate: { grid: [0.1, 0.2] }\n  \
+                    two.learning_rate: { grid: [0.3, 0.4] }\n";
+        read(&format!("{text}{rest}"))
+    };
+    let own = "claims: [\"one[learning_rate=0.1].return > 0\", \"two[learning_rate=0.3].return > 0\"]\n";
+    assert!(study(own).is_ok());
+    let found = study("claims: [\"one[learning_rate=0.3].return > 0\"]\n").unwrap_err();
+    assert_eq!(found[0].message, "the sweep gives `learning_rate` no value `0.3`");
+    // No sweep varies the walker, beside one whose key is written in full.
+    let labelled = "tables:\n  final: { comparison: { rows: setting, columns: agent, value: return, agents: [one, walker], \
+                    labels: { as given: plain } } }\n";
+    assert!(study(labelled).is_ok(), "{:?}", study(labelled).err());
+}
+
+#[test]
 fn a_sweep_multiplies_only_the_trials_of_its_owner() {
     let study = with(
         "seeds: 3\nsweep: { learner.learning_rate: { grid: [0.1, 0.2] }, long.slip: { grid: [0.0, 0.1] } }",
