@@ -183,6 +183,7 @@ fn known(x: f64, y: f64) -> f64 {
 }
 
 /// Polynomial `c[0] + c[1] x + ...` by Horner's rule, from the last coefficient on.
+#[inline(always)]
 pub(crate) fn polynomial<const N: usize>(coefficients: &[f64; N], x: f64) -> f64 {
     let mut sum = coefficients[N - 1];
     for c in coefficients[..N - 1].iter().rev() {

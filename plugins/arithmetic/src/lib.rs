@@ -24,6 +24,8 @@
 //! | [`gamma_slope`] | derivative of a gamma draw in its shape, of `f64` |
 //! | [`draws`] | uniform, normal and gamma numbers from a stream of 64-bit words |
 //! | [`products`] | products of matrices and sums over rows as chains, sums in blocks |
+//! | [`tiles`] | the same products at the speed of the processor |
+//! | [`epilogue`] | changes of a product's entries while they are in registers |
 //! | [`steps`] | a step of Adam, a largest norm, a moving average |
 //! | [`cuda`] | the text of the functions that kernels for a card call |
 //! | [`digests`] | digests of all of the above, for a comparison of processors and cards |
@@ -37,10 +39,12 @@ pub mod cuda;
 pub mod digests;
 pub mod double;
 pub mod draws;
+pub mod epilogue;
 pub mod errors;
 pub mod gamma;
 pub mod gamma_slope;
 pub mod normal;
+mod panel;
 pub mod power;
 pub mod products;
 pub mod single;

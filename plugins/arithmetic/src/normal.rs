@@ -17,6 +17,7 @@
 //! error is about 1e-16.
 
 use crate::double::{NAN, exp, ln, polynomial};
+use crate::slices::widest;
 
 /// The largest size of arguments of [`NEAR`], where the probability is about 1/4.
 const NEAR_ENDS: f64 = 0.67448975;
@@ -88,8 +89,10 @@ const FAR: [[f64; 6]; 2] = [
     ],
 ];
 
-/// Numerator and denominator of the quantile by `0.180625 - (p - 1/2)^2` for `|p - 1/2| <= 0.425`, lowest power
-/// first.
+/// The largest `|p - 1/2|` of [`CENTRE`].
+const CENTRE_ENDS: f64 = 0.425;
+
+/// Numerator and denominator of the quantile by `0.180625 - (p - 1/2)^2`, lowest power first.
 const CENTRE: [[f64; 8]; 2] = [
     [
         3.3871328727963665,
@@ -197,8 +200,8 @@ pub fn quantile(probability: f64) -> f64 {
         return quantile_at_ends(probability);
     }
     let q = probability - 0.5;
-    if q.abs() <= 0.425 {
-        return q * quotient(&CENTRE, 0.180_625 - q * q);
+    if q.abs() <= CENTRE_ENDS {
+        return central(q);
     }
     let tail = if q < 0.0 { probability } else { 1.0 - probability };
     let s = (-ln(tail)).sqrt();
@@ -208,6 +211,39 @@ pub fn quantile(probability: f64) -> f64 {
         quotient(&TAIL, s - 5.0)
     };
     if q < 0.0 { -size } else { size }
+}
+
+/// Replaces each probability by its [`quantile`], several at a time.
+pub fn quantiles(probabilities: &mut [f64]) {
+    let mut centred = [0.0; 128];
+    for piece in probabilities.chunks_mut(centred.len()) {
+        let centred = &mut centred[..piece.len()];
+        widest(
+            #[inline(always)]
+            || {
+                for (q, probability) in centred.iter_mut().zip(&mut *piece) {
+                    *q = *probability - 0.5;
+                }
+                for q in centred.iter_mut() {
+                    *q = central(*q);
+                }
+            },
+        );
+        for (probability, central) in piece.iter_mut().zip(centred) {
+            let is_central = (*probability - 0.5).abs() <= CENTRE_ENDS;
+            *probability = if is_central {
+                *central
+            } else {
+                quantile(*probability)
+            };
+        }
+    }
+}
+
+/// The quantile at `q + 1/2` for `|q| <= CENTRE_ENDS`.
+#[inline(always)]
+fn central(q: f64) -> f64 {
+    q * quotient(&CENTRE, 0.180_625 - q * q)
 }
 
 fn quantile_at_ends(probability: f64) -> f64 {
@@ -220,6 +256,7 @@ fn quantile_at_ends(probability: f64) -> f64 {
     }
 }
 
+#[inline(always)]
 fn quotient<const N: usize>([numerator, denominator]: &[[f64; N]; 2], x: f64) -> f64 {
     polynomial(numerator, x) / polynomial(denominator, x)
 }

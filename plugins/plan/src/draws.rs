@@ -4,6 +4,7 @@
 use crate::scalar::Scalar;
 use arithmetic::draws::{self, GOLDEN, Stream, WordStream, mix};
 use arithmetic::gamma_slope;
+use arithmetic::normal::quantiles;
 
 fn streams(seed: u64, index: usize) -> impl Iterator<Item = Stream> {
     let first = mix(seed.wrapping_add((index as u64).wrapping_mul(GOLDEN)));
@@ -11,8 +12,18 @@ fn streams(seed: u64, index: usize) -> impl Iterator<Item = Stream> {
 }
 
 pub(crate) fn normal<T: Scalar>(seed: u64, index: usize, result: &mut [T]) {
-    for (x, mut words) in result.iter_mut().zip(streams(seed, index)) {
-        *x = T::of(draws::normal(words.word()));
+    let mut streams = streams(seed, index);
+    let mut numbers = [0.0; 128];
+    for piece in result.chunks_mut(numbers.len()) {
+        let numbers = &mut numbers[..piece.len()];
+        for (number, mut words) in numbers.iter_mut().zip(&mut streams) {
+            *number = draws::uniform(words.word());
+        }
+        quantiles(numbers);
+        piece
+            .iter_mut()
+            .zip(numbers)
+            .for_each(|(x, number)| *x = T::of(*number));
     }
 }
 

@@ -1,9 +1,10 @@
 //! The kernels of a routine: its steps in order, with consecutive entrywise operations of one shape as one loop, and
 //! the buffers that they need.
 
-use crate::fusion::Loop;
+use crate::fusion::{Entrywise, Loop, Source};
 use crate::graph::{Graph, Step, Value};
 use crate::memory::Memory;
+use crate::operations::{Function, Operation, Pair};
 use crate::scalar::Scalar;
 use crate::updates::Update;
 
@@ -12,7 +13,20 @@ pub(crate) enum Kernel {
     Loop(Loop),
     /// An operation with a buffer of its own, which it shares with none of its operands.
     Single(Value),
+    /// A product whose only reader multiplies it with the slope of a rectifier.
+    Gated(Gated),
     Update(Update),
+}
+
+/// A product, each entry multiplied by the slope of a rectifier.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Gated {
+    pub(crate) product: Value,
+    /// Results of the rectifier.
+    pub(crate) of: Value,
+    /// Slope of the rectifier at 0 and below.
+    pub(crate) below: f64,
+    pub(crate) result: Value,
 }
 
 impl Kernel {
@@ -21,6 +35,7 @@ impl Kernel {
         match self {
             Kernel::Loop(entrywise) => entrywise.operands(graph),
             Kernel::Single(value) => graph.nodes[value.0].operands.clone(),
+            Kernel::Gated(gated) => [&graph.nodes[gated.product.0].operands[..], &[gated.of]].concat(),
             Kernel::Update(update) => update.operands(),
         }
     }
@@ -30,6 +45,7 @@ impl Kernel {
         match self {
             Kernel::Loop(entrywise) => entrywise.kept().map(|(_, value)| value).collect(),
             Kernel::Single(value) => vec![*value],
+            Kernel::Gated(gated) => vec![gated.result],
             Kernel::Update(update) => [vec![update.target()], update.moments()].concat(),
         }
     }
@@ -37,14 +53,14 @@ impl Kernel {
 
 /// Kernels of a routine, with buffers for their results.
 pub(crate) fn compile<T: Scalar>(graph: &Graph, routine: usize, memory: &mut Memory<T>) -> Vec<Kernel> {
-    let kernels = kernels(graph, routine);
+    let kernels = with_gates(graph, kernels(graph, routine));
     let readers = last_readers(graph, &kernels);
     memory.begin();
     for (at, kernel) in kernels.iter().enumerate() {
         let mut last = kernel.operands(graph);
         last.retain(|operand| readers[operand.0] == Some(at));
-        if let Kernel::Single(value) = kernel {
-            memory.provide(*value, graph.shape(*value));
+        if let Kernel::Single(result) | Kernel::Gated(Gated { result, .. }) = kernel {
+            memory.provide(*result, graph.shape(*result));
         }
         last.iter().for_each(|operand| memory.release(*operand));
         // A loop reads a piece before it writes one, so results may replace operands of the same length; repeated
@@ -80,6 +96,57 @@ pub(crate) fn kernels(graph: &Graph, routine: usize) -> Vec<Kernel> {
         }
     }
     kernels
+}
+
+/// Kernels in which a product and the loop that multiplies it with the slope of a rectifier are one.
+fn with_gates(graph: &Graph, kernels: Vec<Kernel>) -> Vec<Kernel> {
+    let mut gates = vec![None; graph.nodes.len()];
+    let mut counts = vec![0; graph.nodes.len()];
+    for kernel in &kernels {
+        kernel
+            .operands(graph)
+            .iter()
+            .for_each(|operand| counts[operand.0] += 1);
+        if let Some(gated) = gate(graph, kernel) {
+            gates[gated.product.0] = Some(gated);
+        }
+    }
+    let is_joined = |gated: &Gated| counts[gated.product.0] == 1 && !graph.nodes[gated.product.0].is_output;
+    let joined = |kernel: Kernel| match kernel {
+        Kernel::Single(product) => Some(match gates[product.0].filter(is_joined) {
+            Some(gated) => Kernel::Gated(gated),
+            None => kernel,
+        }),
+        Kernel::Loop(_) if gate(graph, &kernel).is_some_and(|gated| is_joined(&gated)) => None,
+        _ => Some(kernel),
+    };
+    kernels.into_iter().filter_map(joined).collect()
+}
+
+/// A loop that only multiplies a product with the slope of a rectifier, whose result is computed before the product.
+fn gate(graph: &Graph, kernel: &Kernel) -> Option<Gated> {
+    let Kernel::Loop(entrywise) = kernel else {
+        return None;
+    };
+    let [
+        Entrywise::Map(Function::RectifierSlope(below), Source::Whole(of)),
+        Entrywise::Combine(Pair::Multiply, Source::Whole(product), Source::Result(0)),
+    ] = *entrywise.operations()
+    else {
+        return None;
+    };
+    let mut kept = entrywise.kept();
+    let (Some((1, result)), None) = (kept.next(), kept.next()) else {
+        return None;
+    };
+    let is_product = matches!(graph.nodes[product.0].operation, Operation::Product { .. });
+    let is_computed = graph.nodes[of.0].routine.is_some() && of < product;
+    (is_product && is_computed).then_some(Gated {
+        product,
+        of,
+        below,
+        result,
+    })
 }
 
 /// The last kernel that reads each value.

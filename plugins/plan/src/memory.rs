@@ -4,15 +4,13 @@
 use crate::graph::{Graph, Shape, Value};
 use crate::operations::Operation;
 use crate::scalar::Scalar;
-use crate::tensor::{Tensor, next_version};
+use crate::tensor::Tensor;
 
 #[derive(Debug, Clone)]
 pub(crate) struct Memory<T> {
     buffers: Vec<Vec<T>>,
     /// Place of each value's buffer; a value without one has a place beyond the end.
     places: Vec<usize>,
-    /// Version of each value's entries.
-    versions: Vec<u64>,
     /// Places of buffers that no longer hold a value; the one that was read last is at the end.
     free: Vec<usize>,
     /// Places of buffers that may be shared.
@@ -25,7 +23,6 @@ impl<T: Scalar> Memory<T> {
         let mut memory = Self {
             buffers: Vec::new(),
             places: vec![usize::MAX; graph.nodes.len()],
-            versions: vec![0; graph.nodes.len()],
             free: Vec::new(),
             shared: Vec::new(),
         };
@@ -81,15 +78,12 @@ impl<T: Scalar> Memory<T> {
         &self.buffers[self.places[value.0]]
     }
 
-    /// Entries of a value that are about to change.
     pub(crate) fn of_mut(&mut self, value: Value) -> &mut [T] {
-        self.versions[value.0] = next_version();
         &mut self.buffers[self.places[value.0]]
     }
 
     /// Takes the buffer of a value out, so that it can change while others are read; [`Memory::put`] returns it.
     pub(crate) fn take(&mut self, value: Value) -> Vec<T> {
-        self.versions[value.0] = next_version();
         std::mem::take(&mut self.buffers[self.places[value.0]])
     }
 
@@ -97,14 +91,9 @@ impl<T: Scalar> Memory<T> {
         self.buffers[self.places[value.0]] = buffer;
     }
 
-    pub(crate) fn version(&self, value: Value) -> u64 {
-        self.versions[value.0]
-    }
-
-    /// Exchanges a value's entries and version with those of a tensor of a state.
+    /// Exchanges a value's entries with those of a tensor of a state.
     pub(crate) fn exchange(&mut self, value: Value, tensor: &mut Tensor<T>) {
         std::mem::swap(&mut self.buffers[self.places[value.0]], tensor.buffer());
-        std::mem::swap(&mut self.versions[value.0], &mut tensor.version);
     }
 
     #[cfg(test)]

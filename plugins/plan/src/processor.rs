@@ -1,8 +1,7 @@
 //! The executor on the processor.
 //!
-//! A graph is compiled once to kernels with buffers for their results. Second factors of products that are leaves are
-//! packed again only after they have changed. A run allocates nothing after the first one of its routine, and one
-//! thread executes it.
+//! A graph is compiled once to kernels with buffers for their results. A run allocates nothing after the first one of its
+//! routine, and one thread executes it.
 
 use crate::bound::{Bound, bound};
 use crate::elsewhere::Elsewhere;
@@ -10,14 +9,15 @@ use crate::executor;
 use crate::extension::MOST_OPERANDS;
 use crate::fusion::Pieces;
 use crate::graph::{Graph, Routine, Shape, Value};
-use crate::kernels::{Kernel, compile};
+use crate::kernels::{Gated, Kernel, compile};
 use crate::memory::Memory;
-use crate::operations::{Operation, Pair, RowFunction};
+use crate::operations::{Activation, Function, Operation, RowFunction};
 use crate::rows::{by_rows, column, largest, place, place_of_largest, ranked, sum_row, sum_rows};
-use crate::scalar::{Factor, Scalar, combine, map};
+use crate::scalar::{Factor, Scalar, map};
 use crate::state::State;
 use crate::updates::Update;
 use crate::{dirichlet, draws};
+use arithmetic::epilogue::Epilogue;
 
 /// Kind of a kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -39,16 +39,6 @@ pub enum Work {
     Update,
 }
 
-/// A leaf that is packed as the second factor of products. Computed factors share one memory.
-#[derive(Debug, Clone)]
-struct Pack<T: Scalar> {
-    value: Value,
-    is_transposed: bool,
-    /// Version of the value that is packed.
-    version: Option<u64>,
-    packed: T::Packed,
-}
-
 /// Buffers and compiled routines of one graph.
 #[derive(Debug, Clone)]
 pub struct Processor<T: Scalar> {
@@ -56,8 +46,6 @@ pub struct Processor<T: Scalar> {
     kernels: Vec<Vec<Kernel>>,
     bound: Vec<Vec<Bound>>,
     memory: Memory<T>,
-    packs: Vec<Pack<T>>,
-    packed: T::Packed,
     multiplier: T::Multiplier,
     pieces: Pieces<T>,
     chains: Vec<T>,
@@ -90,8 +78,6 @@ impl<T: Scalar> Processor<T> {
             kernels,
             bound,
             memory,
-            packs: Vec::new(),
-            packed: T::Packed::default(),
             multiplier: T::Multiplier::default(),
             pieces,
             chains: Vec::new(),
@@ -214,19 +200,11 @@ impl<T: Scalar> Processor<T> {
                 }
                 Kernel::Single(value) => {
                     self.compute(*value, seed);
-                    let node = &self.graph.nodes[value.0];
-                    let [rows, columns] = node.operands.first().map_or([0; 2], |it| self.graph.shape(*it));
-                    let product = |transposed: [bool; 2]| Work::Product {
-                        transposed,
-                        inner: if transposed[0] { rows } else { columns },
-                    };
-                    let work = match node.operation {
-                        Operation::Product { transposed } => product(transposed),
-                        Operation::Dense(_) => product([false; 2]),
-                        Operation::Extension(_) => Work::Extension,
-                        _ => Work::SumOrMove,
-                    };
-                    after(work, node.shape);
+                    after(self.work(*value), self.graph.shape(*value));
+                }
+                Kernel::Gated(gated) => {
+                    self.multiply_gated(gated);
+                    after(self.work(gated.product), self.graph.shape(gated.product));
                 }
                 Kernel::Update(update) => {
                     self.update(update, state);
@@ -237,6 +215,21 @@ impl<T: Scalar> Processor<T> {
         self.kernels[routine.0] = kernels;
         for bound in &self.bound[routine.0] {
             self.memory.exchange(bound.value, state.at_mut(bound.place));
+        }
+    }
+
+    fn work(&self, value: Value) -> Work {
+        let node = &self.graph.nodes[value.0];
+        let [rows, columns] = node.operands.first().map_or([0; 2], |it| self.graph.shape(*it));
+        let product = |transposed: [bool; 2]| Work::Product {
+            transposed,
+            inner: if transposed[0] { rows } else { columns },
+        };
+        match node.operation {
+            Operation::Product { transposed } => product(transposed),
+            Operation::Dense(_) => product([false; 2]),
+            Operation::Extension(_) => Work::Extension,
+            _ => Work::SumOrMove,
         }
     }
 
@@ -252,9 +245,9 @@ impl<T: Scalar> Processor<T> {
                 draws::log_gamma_slope(self.operand(value, 0), self.operand(value, 1), &mut result);
             }
             Operation::Rows(function) => self.compute_rows(function, value, &mut result),
-            Operation::Dense(_) => self.multiply(value, false, &mut result),
+            Operation::Dense(activation) => self.multiply_dense(value, activation, &mut result),
             Operation::Extension(_) => self.extend(value, &mut result),
-            Operation::Product { transposed } => self.multiply(value, transposed[1], &mut result),
+            Operation::Product { .. } => self.multiply(value, &mut result, |_| Epilogue::None),
             _ => self.move_or_sum(value, &mut result),
         }
         self.memory.put(value, result);
@@ -288,82 +281,55 @@ impl<T: Scalar> Processor<T> {
         }
     }
 
-    fn factor(&self, value: Value, is_transposed: bool) -> Factor<'_, T> {
-        Factor {
-            entries: self.memory.of(value),
-            shape: self.graph.shape(value),
-            is_transposed,
-        }
-    }
-
-    /// Place of the pack of a second factor that is a leaf. Other second factors change in every run.
-    fn pack_of(&mut self, value: Value, is_transposed: bool) -> Option<usize> {
-        if self.graph.nodes[value.0].routine.is_some() {
-            return None;
-        }
-        let is_it = |pack: &Pack<T>| pack.value == value && pack.is_transposed == is_transposed;
-        self.packs.iter().position(is_it).or_else(|| {
-            self.packs.push(Pack {
-                value,
-                is_transposed,
-                version: None,
-                packed: T::Packed::default(),
-            });
-            Some(self.packs.len() - 1)
+    /// Factors of a product or a dense layer.
+    fn factors(&self, value: Value) -> [Factor<'_, T>; 2] {
+        let node = &self.graph.nodes[value.0];
+        let transposed = match node.operation {
+            Operation::Product { transposed } => transposed,
+            _ => [false; 2],
+        };
+        [0, 1].map(|at| Factor {
+            entries: self.operand(value, at),
+            shape: self.graph.shape(node.operands[at]),
+            is_transposed: transposed[at],
         })
     }
 
-    /// A product or a dense layer.
-    fn multiply(&mut self, value: Value, is_transposed: bool, result: &mut [T]) {
-        let b = self.graph.nodes[value.0].operands[1];
-        let place = self.pack_of(b, is_transposed);
-        let (newest, mut version) = (Some(self.memory.version(b)), None);
-        if let Some(pack) = place.map(|at| &mut self.packs[at]) {
-            // The shared memory is used for the pack while it is read.
-            std::mem::swap(&mut self.packed, &mut pack.packed);
-            version = std::mem::replace(&mut pack.version, newest);
+    fn multiply(&mut self, value: Value, result: &mut [T], epilogue: impl FnOnce(&Self) -> Epilogue<T>) {
+        let mut multiplier = std::mem::take(&mut self.multiplier);
+        T::multiply(&mut multiplier, self.factors(value), result, epilogue(self));
+        self.multiplier = multiplier;
+    }
+
+    fn multiply_dense(&mut self, value: Value, activation: Activation, result: &mut [T]) {
+        let function = activation.function();
+        let below = match function {
+            Some(Function::Rectify(below)) => below,
+            _ => 1.0,
+        };
+        self.multiply(value, result, |own| Epilogue::Rectified {
+            bias: own.operand(value, 2),
+            below: T::of(below),
+        });
+        // A rectifier has been applied.
+        if let Some(elementary @ Function::Tanh) = function {
+            map(elementary, result);
         }
-        let mut packed = std::mem::take(&mut self.packed);
-        if version != newest {
-            T::pack(&mut packed, self.factor(b, is_transposed));
-        }
-        let mut memory = std::mem::take(&mut self.multiplier);
-        let node = &self.graph.nodes[value.0];
-        let is_turned = matches!(
-            node.operation,
-            Operation::Product {
-                transposed: [true, _]
-            }
-        );
-        let a = self.factor(node.operands[0], is_turned);
-        if let Operation::Dense(activation) = node.operation {
-            let (bias, function) = (self.memory.of(node.operands[2]), activation.function());
-            T::multiply(&mut memory, a, &packed, result, &mut |rows| {
-                for row in rows.chunks_exact_mut(bias.len()) {
-                    combine(Pair::Add, row, bias);
-                }
-                if let Some(function) = function {
-                    map(function, rows);
-                }
-            });
-        } else {
-            T::multiply(&mut memory, a, &packed, result, &mut |_| {});
-        }
-        self.multiplier = memory;
-        self.packed = packed;
-        if let Some(at) = place {
-            std::mem::swap(&mut self.packed, &mut self.packs[at].packed);
-        }
+    }
+
+    fn multiply_gated(&mut self, gated: &Gated) {
+        let mut result = self.memory.take(gated.result);
+        self.multiply(gated.product, &mut result, |own| Epilogue::Gated {
+            of: own.memory.of(gated.of),
+            below: T::of(gated.below),
+        });
+        self.memory.put(gated.result, result);
     }
 
     /// Capacities of all memory.
     #[cfg(test)]
     pub(crate) fn capacities(&self) -> Vec<usize> {
-        let own = [
-            self.chains.capacity(),
-            self.packs.capacity(),
-            self.extended.capacity(),
-        ];
+        let own = [self.chains.capacity(), self.extended.capacity()];
         [self.memory.capacities(), self.pieces.capacities(), own.to_vec()].concat()
     }
 

@@ -3,10 +3,11 @@
 
 use crate::extension::Extension;
 use crate::operations::{Function, Pair};
+use arithmetic::epilogue::Epilogue;
 use arithmetic::products::{self, Matrix};
 use arithmetic::slices::{self, widest};
 use arithmetic::steps::{self, EPSILON, Rates};
-use arithmetic::tiles::{Multiplier, Packed};
+use arithmetic::tiles::Multiplier;
 use arithmetic::{double, gamma, power};
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
@@ -36,8 +37,6 @@ pub trait Scalar:
     + AddAssign
     + 'static
 {
-    /// A second factor in the order that products read.
-    type Packed: Debug + Clone + Default;
     /// Memory of products.
     type Multiplier: Debug + Clone + Default;
 
@@ -53,16 +52,12 @@ pub trait Scalar:
     /// A transcendental function of each entry; other functions leave the entries unchanged.
     fn elementary(function: Function, entries: &mut [Self]);
 
-    /// Packs a second factor.
-    fn pack(packed: &mut Self::Packed, factor: Factor<Self>);
-
-    /// Product of `a` and a packed factor. `finish` receives some complete rows at a time, in order.
+    /// Product of two factors, each entry changed by the epilogue.
     fn multiply(
         memory: &mut Self::Multiplier,
-        a: Factor<Self>,
-        b: &Self::Packed,
+        factors: [Factor<Self>; 2],
         product: &mut [Self],
-        finish: &mut dyn FnMut(&mut [Self]),
+        epilogue: Epilogue<Self>,
     );
 
     /// Sum of all entries in blocks.
@@ -88,6 +83,27 @@ pub trait Scalar:
     fn extend(extension: &dyn Extension, operands: &[&[Self]], result: &mut [Self], memory: &mut Vec<f32>);
 }
 
+impl<T: Copy> Factor<'_, T> {
+    /// Shape of the factor in the product.
+    fn turned(&self) -> [usize; 2] {
+        let [rows, columns] = self.shape;
+        if self.is_transposed {
+            [columns, rows]
+        } else {
+            [rows, columns]
+        }
+    }
+
+    fn at(&self, row: usize, column: usize) -> T {
+        let width = self.shape[1];
+        self.entries[if self.is_transposed {
+            column * width + row
+        } else {
+            row * width + column
+        }]
+    }
+}
+
 fn matrix(factor: Factor<f32>) -> Matrix {
     let matrix = Matrix::new(factor.entries, factor.shape[0], factor.shape[1]);
     if factor.is_transposed {
@@ -99,7 +115,6 @@ fn matrix(factor: Factor<f32>) -> Matrix {
 
 #[allow(clippy::cast_possible_truncation, reason = "the nearest f32 is meant")]
 impl Scalar for f32 {
-    type Packed = Packed;
     type Multiplier = Multiplier;
 
     #[inline(always)]
@@ -137,18 +152,14 @@ impl Scalar for f32 {
         }
     }
 
-    fn pack(packed: &mut Packed, factor: Factor<Self>) {
-        packed.pack(matrix(factor));
-    }
-
     fn multiply(
         memory: &mut Multiplier,
-        a: Factor<Self>,
-        b: &Packed,
+        factors: [Factor<Self>; 2],
         product: &mut [Self],
-        finish: &mut dyn FnMut(&mut [Self]),
+        epilogue: Epilogue,
     ) {
-        memory.product(matrix(a), b, product, finish);
+        let [a, b] = factors.map(matrix);
+        memory.product(a, b, product, epilogue);
     }
 
     fn sum(entries: &[Self]) -> Self {
@@ -180,11 +191,7 @@ impl Scalar for f32 {
     }
 }
 
-/// A factor in `f64`, row by row after the transposition, with its number of columns.
-pub type PlainFactor = (Vec<f64>, usize);
-
 impl Scalar for f64 {
-    type Packed = PlainFactor;
     type Multiplier = ();
 
     fn of(number: f64) -> Self {
@@ -215,39 +222,13 @@ impl Scalar for f64 {
         entries.iter_mut().for_each(|x| *x = function(*x));
     }
 
-    fn pack((entries, columns): &mut PlainFactor, factor: Factor<Self>) {
-        let [rows, width] = factor.shape;
-        entries.clear();
-        if factor.is_transposed {
-            *columns = rows;
-            let column = |at| (0..rows).map(move |row| factor.entries[row * width + at]);
-            entries.extend((0..width).flat_map(column));
-        } else {
-            *columns = width;
-            entries.extend_from_slice(factor.entries);
-        }
-    }
-
-    fn multiply(
-        (): &mut (),
-        a: Factor<Self>,
-        (b, columns): &PlainFactor,
-        product: &mut [Self],
-        finish: &mut dyn FnMut(&mut [Self]),
-    ) {
-        let [rows, width] = a.shape;
-        product.fill(0.0);
-        for (row, c) in product.chunks_exact_mut(*columns).enumerate() {
-            for (k, b) in b.chunks_exact(*columns).enumerate() {
-                let place = if a.is_transposed {
-                    k * width + row
-                } else {
-                    row * width + k
-                };
-                debug_assert!(a.is_transposed || row < rows);
-                c.iter_mut().zip(b).for_each(|(c, b)| *c += a.entries[place] * b);
+    fn multiply((): &mut (), [a, b]: [Factor<Self>; 2], product: &mut [Self], epilogue: Epilogue<Self>) {
+        let [inner, columns] = b.turned();
+        for (row, entries) in product.chunks_exact_mut(columns).enumerate() {
+            for (column, entry) in entries.iter_mut().enumerate() {
+                *entry = (0..inner).map(|k| a.at(row, k) * b.at(k, column)).sum();
             }
-            finish(c);
+            epilogue.finish(entries, row * columns..(row + 1) * columns, 0..columns);
         }
     }
 

@@ -144,7 +144,7 @@ impl<T: Scalar> State<T> {
     pub fn entries_mut(&mut self, name: &str) -> &mut [T] {
         let found = self.tensors.iter_mut().find(|tensor| tensor.name == name);
         let tensor = found.unwrap_or_else(|| panic!("no parameter `{name}`"));
-        tensor.changed()
+        tensor.buffer()
     }
 
     /// Replaces the entries of an existing parameter or moment.

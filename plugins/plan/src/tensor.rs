@@ -3,7 +3,6 @@
 use crate::executor::{Member, or_panic};
 use crate::graph::Shape;
 use crate::scalar::Scalar;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
 /// A parameter or a moment.
@@ -11,17 +10,9 @@ use std::sync::{Arc, OnceLock};
 pub(crate) struct Tensor<T> {
     pub(crate) name: String,
     pub(crate) shape: Shape,
-    /// Version of the entries: equal versions have equal entries, in all states of the process.
-    pub(crate) version: u64,
     here: OnceLock<Vec<T>>,
     /// The member that has the newest entries.
     away: Option<Arc<dyn Member>>,
-}
-
-/// A version that no entries had before.
-pub(crate) fn next_version() -> u64 {
-    static NEXT: AtomicU64 = AtomicU64::new(1);
-    NEXT.fetch_add(1, Ordering::Relaxed)
 }
 
 impl<T: Scalar> Tensor<T> {
@@ -29,7 +20,6 @@ impl<T: Scalar> Tensor<T> {
         Self {
             name,
             shape,
-            version: next_version(),
             here: OnceLock::from(entries),
             away: None,
         }
@@ -43,12 +33,6 @@ impl<T: Scalar> Tensor<T> {
             let entries = or_panic(read.unwrap_or_else(|| Ok(Vec::new())));
             entries.into_iter().map(|entry| T::of(f64::from(entry))).collect()
         })
-    }
-
-    /// Entries for a modification here, under a new version.
-    pub(crate) fn changed(&mut self) -> &mut Vec<T> {
-        self.version = next_version();
-        self.buffer()
     }
 
     /// The memory here, which has the newest entries from now on.
@@ -73,7 +57,6 @@ impl<T: Scalar> Tensor<T> {
 
     /// Notes that the member has changed the entries.
     pub(crate) fn has_changed_away(&mut self) {
-        self.version = next_version();
         self.here = OnceLock::new();
     }
 }
@@ -84,7 +67,6 @@ impl<T: Scalar> Clone for Tensor<T> {
         Self {
             name: self.name.clone(),
             shape: self.shape,
-            version: self.version,
             here: OnceLock::from(self.entries().to_vec()),
             away: None,
         }

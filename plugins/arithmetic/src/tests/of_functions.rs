@@ -153,6 +153,18 @@ fn special_values_of_the_normal_distribution() {
     }
 }
 
+#[test]
+fn many_quantiles_are_those_of_one_number() {
+    let inside = (1..1000).map(|i| f64::from(i) / 1000.0);
+    let ends = [0.0, 1e-300, 0.075, 0.925, 1.0, -0.1, f64::NAN];
+    let probabilities: Vec<f64> = inside.chain(ends).collect();
+    let mut quantiles = probabilities.clone();
+    normal::quantiles(&mut quantiles);
+    for (found, probability) in quantiles.into_iter().zip(probabilities) {
+        assert_eq!(found.to_bits(), normal::quantile(probability).to_bits());
+    }
+}
+
 /// Tests the special cases of IEEE 754 against the C library.
 #[test]
 fn powers_of_special_numbers_are_those_of_the_c_library() {

@@ -34,6 +34,8 @@ pub(super) fn parts(graph: &Graph, kernels: &[Kernel], layout: &mut Layout) -> R
             Kernel::Loop(entrywise) => writer.add_loop(entrywise),
             Kernel::Single(value) => writer.add_single(*value)?,
             Kernel::Update(update) => writer.add_update(update),
+            // Only the processor joins products and gates.
+            Kernel::Gated(gated) => unreachable!("{gated:?}"),
         }
     }
     Ok(writer.parts)

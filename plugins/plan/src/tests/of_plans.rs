@@ -1,6 +1,7 @@
 //! The plan as a text and as counts, states, memory, the order of routines, and what is refused.
 
 use super::*;
+use crate::operations::Function;
 
 /// A small regression with Adam and a target network; its routines `update` and `act` in either order.
 pub(super) fn regression(is_update_first: bool) -> Graph {
@@ -122,7 +123,7 @@ fn an_operation_after_an_update_reads_the_new_entries() {
 }
 
 #[test]
-fn a_second_factor_that_changes_is_packed_again() {
+fn a_second_factor_may_change_between_products() {
     let mut graph = Graph::new();
     let (x, w) = (graph.input("x", [2, 3]), graph.input("w", [3, 2]));
     let v = graph.parameter("v", [2, 2]);
@@ -228,12 +229,39 @@ fn assert_refused(cases: &[(&str, Build)]) {
     }
 }
 
+#[test]
+fn a_product_and_its_gate_are_one_kernel_if_nothing_else_reads_the_product() {
+    let observed = |is_product_read: bool| {
+        let mut graph = Graph::new();
+        let (x, w) = (graph.input("x", [7, 5]), graph.input("w", [5, 5]));
+        let routine = graph.routine("gate");
+        let before = graph.tanh(x);
+        let hidden = graph.product(before, w, [false; 2]);
+        let product = graph.product(before, w, [false, true]);
+        let slope = graph.map(Function::RectifierSlope(0.25), hidden);
+        let gated = graph.mul(product, slope);
+        graph.output("gated", gated);
+        if is_product_read {
+            graph.output("product", product);
+        }
+        let mut processor = Processor::<f32>::new(graph);
+        processor.write("x", &singles(35, 1));
+        processor.write("w", &singles(25, 2));
+        let mut n_kernels = 0;
+        processor.run_observed(routine, &mut State::default(), 0, |_, _| n_kernels += 1);
+        (n_kernels, bits(processor.entries("gated")))
+    };
+    let (joined, apart) = (observed(false), observed(true));
+    assert_eq!([joined.0, apart.0], [3, 4]);
+    assert_eq!(joined.1, apart.1);
+}
+
 proptest! {
-    /// Random entrywise operations, products and sums of earlier values. If only the last value is read, buffers are
-    /// shared and loops keep little; if every value is read, nothing is shared.
+    /// Random entrywise operations, products, gates and sums of earlier values. If only the last value is read, buffers
+    /// are shared, loops keep little and products have gates; if every value is read, nothing is shared or joined.
     #[test]
     fn shared_buffers_and_loops_change_no_bit(
-        choices in prop::collection::vec((0..9_usize, 0..64_usize, 0..64_usize), 1..40),
+        choices in prop::collection::vec((0..10_usize, 0..64_usize, 0..64_usize), 1..40),
         seed: u64,
     ) {
         let of = |is_all_read: bool| {
@@ -257,6 +285,14 @@ proptest! {
                     7 => {
                         let column = graph.mean_columns(a);
                         graph.mul(b, column)
+                    }
+                    8 => {
+                        let product = graph.product(a, b, [false; 2]);
+                        values.push(product);
+                        let slope = graph.map(Function::RectifierSlope(0.25), a);
+                        let gated = graph.mul(product, slope);
+                        // Without a move the limits below would be in the loop of the gate.
+                        graph.reshape(gated, [5, 5])
                     }
                     _ => graph.scale(a, 0.5),
                 };
