@@ -32,11 +32,8 @@ impl<'a> Rows<'a> {
     }
 
     #[inline(always)]
-    pub(crate) fn iter(self) -> impl Iterator<Item = &'a [f32]> {
-        self.values.chunks(self.stride).map(
-            #[inline(always)]
-            |row| &row[..PANEL],
-        )
+    pub(crate) fn row(&self, at: usize) -> &'a [f32] {
+        &self.values[at * self.stride..][..PANEL]
     }
 }
 
@@ -52,7 +49,8 @@ impl Panel {
             };
         }
         // Rows that lie on cache lines of their own are read faster.
-        self.0.resize(factor.rows * PANEL + ALIGNMENT, 0.0);
+        let most = self.0.len().max(factor.rows * PANEL + ALIGNMENT);
+        self.0.resize(most, 0.0);
         let skipped = self.0.as_ptr().align_offset(size_of::<f32>() * ALIGNMENT);
         let panel = &mut self.0[skipped.min(ALIGNMENT)..][..factor.rows * PANEL];
         copy(panel, factor, first);

@@ -195,26 +195,13 @@ impl Tiles<'_> {
         let (a, start, vector) = (&self.a, block.terms.start, column / S::F32_LANES);
         let mut sums = if a.is_transposed {
             let values = a.values.get(start * a.rows + row..).unwrap_or_default();
-            let entries = values.chunks(a.rows).zip(block.b.iter());
-            chains::<S, ROWS, VECTORS>(simd, entries.take(block.terms.len()), vector)
+            let entries = |k: usize| *values[k * a.rows..].first_chunk().unwrap_or(&[0.0; ROWS]);
+            chains::<S, ROWS, VECTORS>(simd, entries, block, vector)
         } else {
             let row = |at| &a.values[(row + at) * a.columns + start..][..block.terms.len()];
             let rows: [&[f32]; ROWS] = std::array::from_fn(row);
-            let entries = (0..block.terms.len()).zip(block.b.iter());
-            chains::<S, ROWS, VECTORS>(
-                simd,
-                entries.map(
-                    #[inline(always)]
-                    |(k, b)| {
-                        let column: [f32; ROWS] = std::array::from_fn(
-                            #[inline(always)]
-                            |row| rows[row][k],
-                        );
-                        (column, b)
-                    },
-                ),
-                vector,
-            )
+            let entries = |k: usize| rows.map(|row| row[k]);
+            chains::<S, ROWS, VECTORS>(simd, entries, block, vector)
         };
         let place = Place {
             row,
@@ -250,19 +237,20 @@ fn add_before<S: Simd, const ROWS: usize, const VECTORS: usize>(
     }
 }
 
-/// The sums of a tile: for every `k` the entries of its rows, and the row of the panel.
+/// The sums of a tile: for every `k` the entries of its rows, times two vectors of a row of the panel from one on.
 #[inline(always)]
-fn chains<'b, S: Simd, const ROWS: usize, const VECTORS: usize>(
+fn chains<S: Simd, const ROWS: usize, const VECTORS: usize>(
     simd: S,
-    entries: impl Iterator<Item = (impl AsRef<[f32]>, &'b [f32])>,
+    entries: impl Fn(usize) -> [f32; ROWS],
+    block: &Block,
     vector: usize,
 ) -> [[S::f32s; VECTORS]; ROWS] {
     let mut sums = [[simd.splat_f32s(0.0); VECTORS]; ROWS];
-    for (a, b) in entries {
-        let a = &a.as_ref()[..ROWS];
-        let b = &S::as_simd_f32s(b).0[vector..vector + VECTORS];
-        for (sums, a) in sums.iter_mut().zip(a) {
-            let a = simd.splat_f32s(*a);
+    // Adaptors of iterators are not always inlined, and then the sums are in memory.
+    for k in 0..block.terms.len() {
+        let b = &S::as_simd_f32s(block.b.row(k)).0[vector..vector + VECTORS];
+        for (sums, a) in sums.iter_mut().zip(entries(k)) {
+            let a = simd.splat_f32s(a);
             for (sum, b) in sums.iter_mut().zip(b) {
                 *sum = simd.mul_add_f32s(a, *b, *sum);
             }
