@@ -1,10 +1,11 @@
 //! A study with its trials.
 
-use analysis::results::SearchResult;
+use analysis::{results::SearchResult, search::Proposals};
 use contract::{
     Registry,
     complete_config::CompleteConfig,
     trial::{Combination, Trial, TrialKey},
+    trial_result::TrialResult,
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -39,6 +40,10 @@ pub struct Planned {
     pub(crate) confirms: Option<Confirms>,
     /// The results of the searches.
     pub searched: Vec<SearchResult>,
+    /// The latest proposals of each search, by name.
+    pub(crate) proposals: BTreeMap<String, Proposals>,
+    /// Records of tried settings that ended `ok`, which do not change, by the id of the trial.
+    pub(crate) recorded: BTreeMap<String, TrialResult>,
     /// The options with which it was read.
     pub(crate) options: study::Options,
     /// Names of environments and agents whose trials are selected; all where empty.
@@ -70,6 +75,8 @@ impl Planned {
             set_aside: BTreeSet::new(),
             confirms: None,
             searched: Vec::new(),
+            proposals: BTreeMap::new(),
+            recorded: BTreeMap::new(),
             options,
             only: only.to_vec(),
         }

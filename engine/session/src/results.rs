@@ -50,7 +50,16 @@ pub(crate) fn judged(one: &Planned, store: &Store) -> Results {
 fn load(one: &Planned, store: &Store, say: impl Fn(&Error)) -> Vec<TrialResult> {
     // Trials follow the order of the settings that searches try, including paused ones.
     let planned: Vec<&Arc<Trial>> = one.paused.iter().chain(&one.plan.trials).collect();
-    let (mut trials, unreadable) = store.load_all(&planned);
+    load_some(&one.study, &planned, store, say)
+}
+
+fn load_some(
+    study: &Study,
+    planned: &[&Arc<Trial>],
+    store: &Store,
+    say: impl Fn(&Error),
+) -> Vec<TrialResult> {
+    let (mut trials, unreadable) = store.load_all(planned);
     unreadable.iter().for_each(|(_, error)| say(error));
     for it in &mut trials {
         if let Err(error) = store.read_partial(it) {
@@ -58,10 +67,34 @@ fn load(one: &Planned, store: &Store, say: impl Fn(&Error)) -> Vec<TrialResult> 
             say(&error);
         }
     }
-    if names_times_of(&one.study) {
+    if names_times_of(study) {
         trials.iter_mut().for_each(TrialResult::add_times);
     }
     trials
+}
+
+/// The trials of the searches of a study with their records, each of which is read once after it has ended `ok`.
+pub(crate) fn tried(one: &mut Planned, store: &Store) -> Vec<TrialResult> {
+    let planned = one.paused.iter().chain(&one.plan.trials);
+    let tried: Vec<&Arc<Trial>> = planned.filter(|it| it.cell.purpose.is_tried()).collect();
+    let is_new = |it: &&Arc<Trial>| !one.recorded.contains_key(&it.id);
+    let new: Vec<&Arc<Trial>> = tried.iter().copied().filter(is_new).collect();
+    let mut new = load_some(&one.study, &new, store, |_| {});
+    if let Some(success) = &one.study.success {
+        new.iter_mut().for_each(|trial| trial.judge_success(success));
+    }
+    let mut new = new.into_iter();
+    let of_trial = |trial: &Arc<Trial>| match one.recorded.get(&trial.id) {
+        Some(known) => Some(TrialResult {
+            trial: Arc::clone(trial),
+            ..known.clone()
+        }),
+        None => new.next(),
+    };
+    let results: Vec<TrialResult> = tried.into_iter().filter_map(of_trial).collect();
+    let ended = results.iter().filter(|it| it.is_ok());
+    one.recorded = ended.map(|it| (it.trial.id.clone(), it.clone())).collect();
+    results
 }
 
 fn of_trials(one: &Planned, store: &Store, trials: Vec<TrialResult>) -> Results {

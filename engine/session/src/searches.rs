@@ -5,11 +5,11 @@ use crate::{Exit, Failure, Planned, Session, results};
 
 use analysis::{
     results::{SearchResult, Sight},
-    search::{Next, Progress},
+    search::{Next, Progress, Proposals},
 };
 use contract::{Registry, trial::Purpose, trial_result::TrialResult};
 use execution::store::Store;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Extends every search of a study as far as the stored results allow. True if a setting was added.
 ///
@@ -21,16 +21,20 @@ pub(crate) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Res
         if one.study.searches.is_empty() || one.confirms.is_some() {
             return Ok(grown);
         }
-        let results = results::judged(one, store);
-        one.searched = results.searches;
-        let next = |it: &SearchResult| (it.search.name.clone(), progress(it));
-        let searches = one.searched.iter().map(next).collect();
+        let tried = results::tried(one, store);
+        let of_search = |(search, progress): &(_, _)| SearchResult::of(search, progress, &tried);
+        one.searched = one.study.searches.iter().map(of_search).collect();
+        let mut searches = BTreeMap::new();
+        for it in &one.searched {
+            let earlier = one.proposals.entry(it.search.name.clone()).or_default();
+            searches.insert(it.search.name.clone(), progress(it, earlier));
+        }
         let options = study::Options {
             searches,
             ..one.options.clone()
         };
         if options == one.options {
-            one.set_aside(registry, paused(&results.tried, one));
+            one.set_aside(registry, paused(&tried, one));
             return Ok(grown);
         }
         grown = true;
@@ -42,10 +46,10 @@ pub(crate) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Res
     }
 }
 
-fn progress(it: &SearchResult) -> Progress {
+fn progress(it: &SearchResult, earlier: &mut Proposals) -> Progress {
     let known = it.known();
     let parents = it.search.parents(&known);
-    match it.search.next(&known) {
+    match it.search.next_after(&known, earlier) {
         Next::Try(points, stops) => Progress {
             points,
             stops,

@@ -96,6 +96,7 @@ fn turn(rows: &mut [[f32; PANEL]], columns: &[f32]) {
 }
 
 /// Side of the squares that are turned in registers.
+#[cfg(target_arch = "x86_64")]
 const SIDE: usize = 8;
 
 /// Copies what whole squares of rows and columns contain; returns the number of these rows and columns.

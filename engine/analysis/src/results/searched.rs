@@ -237,7 +237,10 @@ impl SearchResult {
     /// Whether every setting was tried as far as planned and none can be chosen.
     #[must_use]
     pub fn found_nothing(&self) -> bool {
-        self.chosen.is_none() && matches!(self.search.next(&self.known()), Next::Chosen(None, _))
+        // A setting with a value can be chosen, and the next step takes time.
+        self.chosen.is_none()
+            && self.best().is_none()
+            && matches!(self.search.next(&self.known()), Next::Chosen(None, _))
     }
 
     /// The tried settings with their values, by which the search decides the next ones.

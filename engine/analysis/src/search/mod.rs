@@ -12,12 +12,14 @@ mod halving;
 pub mod importance;
 mod population;
 mod progress;
+mod proposals;
 mod range;
 mod tree_parzen;
 
 pub use cma_es::CmaEs;
 pub use population::{lineage, schedule_in_words};
 pub use progress::Progress;
+pub use proposals::Proposals;
 pub use range::{Numbers, Range};
 
 use contract::{digest, random, trial_end::EndState};
@@ -260,53 +262,6 @@ pub enum Next {
 }
 
 impl Search {
-    /// The next step, according to the results so far. The settings that should have been tried by these results are
-    /// computed again, since a failed trial that was tried again may change them.
-    #[must_use]
-    pub fn next(&self, tried: &[Tried]) -> Next {
-        match &self.method {
-            Method::CmaEs(options) => return self.adapted(options, tried),
-            Method::Population(options) => return self.evolved(options, tried),
-            _ => {}
-        }
-        let mut points: Vec<Point> = Vec::new();
-        loop {
-            let more = self.generation(&tried[..points.len()]);
-            points.extend(more);
-            let known = tried
-                .get(..points.len())
-                .filter(|known| known.iter().map(|it| &it.point).eq(&points));
-            if let Method::Halving(options) = &self.method {
-                return self.halved(options, points, known);
-            }
-            let Some(known) = known.filter(|known| known.iter().all(|it| it.ended)) else {
-                let stops = vec![None; points.len()];
-                return Next::Try(points, stops);
-            };
-            if points.len() >= self.settings {
-                return Next::Chosen(self.best(known, |_| true), vec![None; points.len()]);
-            }
-        }
-    }
-
-    /// The settings that follow after all of `tried` have ended.
-    fn generation(&self, tried: &[Tried]) -> Vec<Point> {
-        let known = tried.len();
-        let until = match &self.method {
-            Method::Random(_) | Method::Halving(_) | Method::CmaEs(_) | Method::Population(_) => {
-                self.settings
-            }
-            Method::TreeParzen(options) if known < options.startup => options.startup.min(self.settings),
-            Method::TreeParzen(options) => (known + options.batch).min(self.settings),
-        };
-        let mut points: Vec<Point> = tried.iter().map(|it| it.point.clone()).collect();
-        for place in known..until {
-            let point = self.propose(place, &points, tried);
-            points.push(point);
-        }
-        points.split_off(known)
-    }
-
     /// The next step of a method whose distribution of settings adapts.
     fn adapted(&self, options: &CmaEs, tried: &[Tried]) -> Next {
         let ended = tried.iter().filter(|it| it.ended);

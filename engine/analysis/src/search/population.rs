@@ -31,7 +31,7 @@ impl Search {
 
     /// The generations of a population, as far as there are results.
     fn course(&self, options: &Population, tried: &[Tried]) -> Course {
-        let points = self.generation(&[]);
+        let points = self.generation(&[], self.settings);
         let mut course = Course {
             parents: vec![None; points.len()],
             points,

@@ -48,6 +48,30 @@ fn run(search: &Search, value: impl Fn(&[f64]) -> f64) -> (Vec<Tried>, Option<us
     }
 }
 
+#[test]
+fn proposals_after_earlier_ones_are_those_from_the_beginning() {
+    let keys = || vec![("x", numbers(0.0, 1.0, false, false))];
+    for method in [parzen(4, 1), parzen(4, 3)] {
+        let search = search(keys(), method, 20, 3);
+        let (all, _) = run(&search, |x| (x[0] - 0.3).powi(2));
+        let mut other = all.clone();
+        // A failed trial that was tried again.
+        other[9].value = Some(-1.0);
+        let mut earlier = Proposals::default();
+        for tried in [
+            &all[..],
+            &all[..7],
+            &other[..10],
+            &all[..12],
+            &[],
+            &all[..19],
+            &all[..],
+        ] {
+            assert_eq!(search.next_after(tried, &mut earlier), search.next(tried));
+        }
+    }
+}
+
 fn ended(point: Point, value: f64) -> Tried {
     Tried {
         value: Some(value).filter(|value| value.is_finite()),
@@ -289,7 +313,7 @@ fn median_regret(name: &str, method: &Method, n_seeds: u64) -> f64 {
                     Next::Chosen(..) => panic!("{name}: over after {} settings", tried.len()),
                 },
                 // `next` computes every earlier setting again.
-                _ => own.generation(&tried),
+                _ => own.generation(&tried, own.end_of_generation(tried.len())),
             };
             tried.extend(points.into_iter().map(|point| {
                 let value = value(&point);
