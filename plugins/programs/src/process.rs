@@ -37,7 +37,7 @@ impl Process {
         (place, share): (&WorkingFolder, &Share),
         output_reader: OutputReader,
     ) -> Result<Self, Error> {
-        let name = words.iter().take(2).cloned().collect::<Vec<_>>().join(" ");
+        let name = named(&words);
         let order = Order {
             words,
             folder: place.folder.clone(),
@@ -139,6 +139,18 @@ impl Process {
     }
 }
 
+/// The first words of a command, for messages: the program with its script or module.
+pub fn named(words: &[String]) -> String {
+    let module = words.iter().take(5).position(|word| word == "-m");
+    let n = module.map_or(2, |place| place + 2);
+    words
+        .iter()
+        .take(n)
+        .map(String::as_str)
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
 /// Time for a program to end after the signal.
 pub fn grace(config: &ProgramConfig) -> Duration {
     Duration::try_from_secs_f64(config.stop.grace_s).unwrap_or_default()
@@ -175,4 +187,21 @@ pub fn has_ended_well(notes: &Path) -> bool {
             was_asked: false
         })
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_names_the_script_or_the_module() {
+        for (command, name) in [
+            ("python train.py --lr 1", "python train.py"),
+            ("python -u -m pkg.train --lr 1", "python -u -m pkg.train"),
+            ("learn", "learn"),
+        ] {
+            let words: Vec<String> = command.split(' ').map(str::to_owned).collect();
+            assert_eq!(named(&words), name);
+        }
+    }
 }

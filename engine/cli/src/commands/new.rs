@@ -114,7 +114,8 @@ fn passes(registry: &Registry, name: &str, text: &str) -> Result<(), Failure> {
             profile,
             ..Options::default()
         };
-        let study = study::load_text(text, &format!("{name}.yaml"), Path::new(""), registry, &options);
+        let shown = format!("{name}.yaml (not written)");
+        let study = study::load_text(text, &shown, Path::new(""), registry, &options);
         study.map_err(|found| {
             let found = render(&found, false);
             Failure::refusal(format!("the study that was made does not pass `check`:\n{found}"))

@@ -118,6 +118,9 @@ fn modules(folder: &Path, own: &Path, module: &str, names: &[&str]) -> Vec<Strin
         vec![base]
     };
     let mut found = Vec::new();
+    if up > 0 {
+        found.extend(packages(folder, base));
+    }
     for base in bases {
         let mut place = base.to_owned();
         for part in plain.split('.').filter(|it| !it.is_empty()) {
@@ -127,6 +130,14 @@ fn modules(folder: &Path, own: &Path, module: &str, names: &[&str]) -> Vec<Strin
         found.extend(names.iter().flat_map(|name| module_at(folder, &place.join(name))));
     }
     found
+}
+
+/// The `__init__.py` of a package and of all packages around it, which Python runs before their modules.
+pub fn packages(folder: &Path, package: &Path) -> Vec<String> {
+    let packages = package.ancestors().filter(|it| !it.as_os_str().is_empty());
+    packages
+        .filter_map(|it| inside(folder, it.join("__init__.py").to_str()?))
+        .collect()
 }
 
 fn module_at(folder: &Path, place: &Path) -> Vec<String> {
@@ -195,6 +206,18 @@ mod tests {
             "train.py",
         ];
         assert_eq!(found, all);
+    }
+
+    #[test]
+    fn a_relative_import_runs_the_packages_around_it() {
+        let files = [
+            ("a/__init__.py", ""),
+            ("a/b/__init__.py", "X = 1\n"),
+            ("a/b/train.py", "from . import X\n"),
+        ];
+        let folder = folder(&files);
+        let found = of(folder.path(), &["a/b/train.py".into()]);
+        assert_eq!(found, ["a/__init__.py", "a/b/__init__.py", "a/b/train.py"]);
     }
 
     #[test]
