@@ -6,7 +6,10 @@ use super::{
     sources,
 };
 use serde_json::Value;
-use std::{collections::BTreeSet, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 /// A word of the command, as the study writes it and as the probe starts it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -48,6 +51,8 @@ pub struct Command {
     pub files: Vec<String>,
     /// Whether arguments are overrides, `key=value`.
     pub has_overrides: bool,
+    /// Long names of options by their other names.
+    long_names: BTreeMap<String, String>,
 }
 
 /// An argument of the program.
@@ -71,9 +76,13 @@ enum ValuePosition {
 }
 
 impl Command {
-    /// Parses a command; options of `swept` become parameters whatever their names, except for a seed.
-    pub fn of(words: &[String], folder: &Path, swept: &BTreeSet<String>) -> Self {
-        let mut command = Self::default();
+    /// Parses a command; options of `swept` become parameters whatever their names, except for a seed. Options are
+    /// known by all names that the help lists.
+    pub fn of(words: &[String], folder: &Path, swept: &BTreeSet<String>, help: &Help) -> Self {
+        let mut command = Self {
+            long_names: help.long_names(),
+            ..Self::default()
+        };
         let head = command.program(words, folder);
         let arguments = arguments(&words[head..]);
         command.has_overrides = arguments.iter().any(is_override);
@@ -81,7 +90,10 @@ impl Command {
             Argument::Option { name, value, .. }
                 if !swept.contains(name) && options::value(value).is_u64() =>
             {
-                options::rank_of_steps(name)
+                match command.purpose(name) {
+                    OptionPurpose::Steps(rank) => Some(rank),
+                    _ => None,
+                }
             }
             _ => None,
         };
@@ -89,7 +101,7 @@ impl Command {
         for argument in arguments {
             match argument {
                 Argument::Word(word) => command.stays(word, folder),
-                Argument::Option { name, value, form } => match options::kind(&name) {
+                Argument::Option { name, value, form } => match command.purpose(&name) {
                     kind if swept.contains(&name) && kind != OptionPurpose::Seed => {
                         let (placeholder, started) = command.parameter(&name, &value);
                         command.add(&name, (&placeholder, &started), form);
@@ -102,6 +114,23 @@ impl Command {
             }
         }
         command
+    }
+
+    /// The purpose of an option, by any of its names.
+    fn purpose(&self, option: &str) -> OptionPurpose {
+        match options::kind(option) {
+            OptionPurpose::Parameter => options::kind(self.long(option)),
+            kind => kind,
+        }
+    }
+
+    fn long<'a>(&'a self, option: &'a str) -> &'a str {
+        self.long_names.get(option).map_or(option, String::as_str)
+    }
+
+    /// Whether an option may take a place: nothing has it, or the same option, whose last value counts.
+    fn may_take(&self, place: Option<&String>, option: &str) -> bool {
+        place.is_none_or(|taken| self.long(taken) == self.long(option))
     }
 
     /// Takes the words before the arguments, and returns their count.
@@ -145,6 +174,8 @@ impl Command {
             ];
             self.files
                 .extend(files.iter().filter_map(|name| sources::inside(folder, name)));
+            let package = Path::new(&parts).parent().unwrap_or(Path::new(""));
+            self.files.extend(sources::packages(folder, package));
         } else if let Some(word) = script.map(|place| &words[place]) {
             self.files.extend(source(folder, word));
         }
@@ -178,15 +209,17 @@ impl Command {
         let number = value(text).as_u64();
         let (placeholder, started) = match (kind, number) {
             _ if file.is_some() => (escaped(text), text.to_owned()),
-            (OptionPurpose::Seed, _) if self.seed.is_none() => {
+            (OptionPurpose::Seed, _) if self.may_take(self.seed.as_ref(), name) => {
                 self.seed = Some(name.to_owned());
                 ("{seed}".into(), text.to_owned())
             }
-            (OptionPurpose::Steps(_), Some(steps)) if self.steps.is_none() => {
+            (OptionPurpose::Steps(_), Some(steps))
+                if self.may_take(self.steps.as_ref().map(|it| &it.0), name) =>
+            {
                 self.steps = Some((name.to_owned(), steps));
                 ("{steps}".into(), steps.to_string())
             }
-            (OptionPurpose::Task, _) if self.task.is_none() => {
+            (OptionPurpose::Task, _) if self.may_take(self.task.as_ref().map(|it| &it.0), name) => {
                 self.task = Some((name.to_owned(), text.to_owned()));
                 ("{environment.id}".into(), text.to_owned())
             }
@@ -217,7 +250,8 @@ impl Command {
 
     /// A name that no other parameter has.
     fn name_for(&self, option: &str) -> String {
-        let mut name = options::parameter_name(option);
+        let is_short = !option.starts_with("--");
+        let mut name = options::parameter_name(if is_short { self.long(option) } else { option });
         while self.parameters.iter().any(|it| it.name == name) {
             name.push('_');
         }
@@ -315,13 +349,13 @@ fn arguments(words: &[String]) -> Vec<Argument> {
     let mut found = Vec::new();
     let mut words = words.iter().peekable();
     while let Some(word) = words.next() {
-        let is_option = word.starts_with('-') && value(word).is_string() && word.len() > 1;
+        let is_option = word.starts_with('-') && !options::is_number(word) && word.len() > 1;
         let joined = word.split_once('=').filter(|(name, _)| is_option || is_key(name));
         if let Some((name, value)) = joined {
             found.push(option(name, value, ValuePosition::Joined));
             continue;
         }
-        let is_value = |next: &&String| !next.starts_with('-') || value(next).is_number();
+        let is_value = |next: &&String| !next.starts_with('-') || options::is_number(next);
         let next = words.next_if(|next| is_option && word != "--" && is_value(next) && !is_pair(next));
         found.push(match next {
             Some(value) => option(word, value, ValuePosition::Apart),

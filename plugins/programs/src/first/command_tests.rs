@@ -7,6 +7,7 @@ fn folder() -> tempfile::TempDir {
         "train.py",
         "config.toml",
         "run",
+        "pkg/__init__.py",
         "pkg/__main__.py",
         ".venv/bin/python",
     ] {
@@ -19,7 +20,7 @@ fn folder() -> tempfile::TempDir {
 
 fn read(text: &str) -> Command {
     let words: Vec<String> = text.split(' ').map(str::to_owned).collect();
-    Command::of(&words, folder().path(), &BTreeSet::new())
+    Command::of(&words, folder().path(), &BTreeSet::new(), &Help::default())
 }
 
 fn written(command: &Command) -> String {
@@ -90,7 +91,7 @@ fn overrides_are_options() {
 fn swept_options_are_parameters_except_for_the_seed() {
     let words = ["python", "train.py", "--env=a", "--seed=1", "--out=x"].map(str::to_owned);
     let swept = ["--env", "--seed", "--out"].map(str::to_owned).into();
-    let command = Command::of(&words, folder().path(), &swept);
+    let command = Command::of(&words, folder().path(), &swept, &Help::default());
     assert_eq!(
         written(&command),
         "python train.py --env={env} --seed={seed} --out={out}"
@@ -102,7 +103,7 @@ fn the_program_is_a_module_a_file_or_what_is_installed() {
     let module = read("python -m pkg --x 1");
     assert_eq!(
         (module.head, module.files.clone()),
-        (3, vec!["pkg/__main__.py".to_owned()])
+        (3, vec!["pkg/__main__.py".to_owned(), "pkg/__init__.py".into(),])
     );
     let own = read("./run 1 --flag");
     assert_eq!(
@@ -155,4 +156,56 @@ fn missing_options_are_taken_from_the_help() {
     let mut command = read("python train.py");
     command.complete(&hydra);
     assert_eq!(written(&command), "python train.py seed={seed}");
+}
+
+#[test]
+fn a_module_comes_with_the_packages_around_it() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir_all(folder.path().join("a/b")).unwrap();
+    for name in ["a/__init__.py", "a/b/__init__.py", "a/b/train.py"] {
+        std::fs::write(folder.path().join(name), "").unwrap();
+    }
+    let words = ["python", "-m", "a.b.train"].map(str::to_owned);
+    let command = Command::of(&words, folder.path(), &BTreeSet::new(), &Help::default());
+    assert_eq!(
+        command.files,
+        ["a/b/train.py", "a/b/__init__.py", "a/__init__.py"]
+    );
+}
+
+#[test]
+fn options_are_known_by_the_other_names_that_the_help_lists() {
+    let help = Help::read(
+        "options:\n  -s SEED, --seed SEED\n  -l LR, --lr LR  rate (default: 0.1)\n  -n N, --steps N  (default: 9)\n",
+    );
+    let words: Vec<String> = "python train.py -s 3 -l 0.5 -n 200"
+        .split(' ')
+        .map(str::to_owned)
+        .collect();
+    let mut command = Command::of(&words, folder().path(), &BTreeSet::new(), &help);
+    assert!(command.complete(&help).is_empty());
+    assert_eq!(written(&command), "python train.py -s {seed} -l {lr} -n {steps}");
+    assert_eq!(parameters(&command), [("lr", json!(0.5))]);
+}
+
+#[test]
+fn an_option_that_is_repeated_stays_one() {
+    let command = read("python train.py --seed 1 --seed 2 --steps 5 --steps 70");
+    assert_eq!(
+        written(&command),
+        "python train.py --seed {seed} --seed {seed} --steps {steps} --steps {steps}"
+    );
+    assert_eq!(command.steps, Some(("--steps".into(), 70)));
+}
+
+#[test]
+fn a_value_is_a_number_only_where_it_spells_the_same() {
+    let command = read("python train.py --code 007 --release 1.10 --gamma -0.50 --lr 3e-4");
+    let values = [
+        ("code", json!("007")),
+        ("release", json!("1.10")),
+        ("gamma", json!(-0.5)),
+        ("lr", json!(0.0003)),
+    ];
+    assert_eq!(parameters(&command)[..], values);
 }

@@ -67,6 +67,20 @@ pub enum DraftRefusal {
         /// Files that it wrote, in words.
         there: String,
     },
+    /// The program wrote metrics, and none of them can be read as in a trial.
+    #[error("`{program}` {how}, and none of its metrics can be read: `{key}` of `{from}` {problem}")]
+    Unreadable {
+        /// First words of the command.
+        program: String,
+        /// Duration of the run, in words.
+        how: String,
+        /// Key or column of the metric.
+        key: String,
+        /// A stream, or a pattern of files.
+        from: String,
+        /// The reason, in words.
+        problem: String,
+    },
     /// An error of the engine.
     #[error(transparent)]
     Engine(#[from] Error),

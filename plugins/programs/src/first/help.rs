@@ -3,6 +3,7 @@
 
 use super::{options::value, yaml};
 use serde_json::Value;
+use std::collections::BTreeMap;
 
 /// An option of a program.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -66,6 +67,16 @@ impl Help {
             }
         }
         read
+    }
+
+    /// The first long name of each option by its other names.
+    pub fn long_names(&self) -> BTreeMap<String, String> {
+        let of = |it: &HelpOption| {
+            let long = it.name().to_owned();
+            let others = it.names.iter().skip(1).cloned();
+            others.map(move |name| (name, long.clone())).collect::<Vec<_>>()
+        };
+        self.options.iter().flat_map(of).collect()
     }
 
     fn of_hydra(text: &str) -> Self {

@@ -3,7 +3,7 @@
 use super::{
     error::DraftRefusal,
     options,
-    sweep::{Range, SETTINGS, Search, Sweep, example, integers, multiples, spelled},
+    sweep::{CMA_ES, Range, Search, Sweep, example, integers, multiples, spelled},
 };
 use serde_json::{Map, Value};
 use std::path::Path;
@@ -22,8 +22,8 @@ pub fn read(folder: &Path, file: &Path, value: &Value) -> Result<Sweep, DraftRef
         ..Sweep::default()
     };
     let hydra = &value["hydra"];
-    let overrides = overrides(hydra);
-    if overrides.is_empty() {
+    let (overrides, others) = overrides(hydra);
+    if overrides.is_empty() && others.is_empty() {
         return Err(lacks(
             "neither `hydra.sweeper.params` nor `hydra.overrides.task` names a key; a `multirun.yaml` lies in the folder of \
              every multirun",
@@ -34,9 +34,11 @@ pub fn read(folder: &Path, file: &Path, value: &Value) -> Result<Sweep, DraftRef
     })?;
     sweep.words = vec!["python".into(), script.clone()];
     sweep.words.extend(config_name(folder, file, hydra, &script));
+    sweep.words.extend(others);
     for (key, text) in overrides {
         match range(&text) {
             Some(Range::List(values)) if values.len() == 1 => {
+                sweep.note_seed(&key, &values[0]);
                 sweep.words.push(format!("{key}={}", spelled(&values[0])));
             }
             Some(range) => {
@@ -52,8 +54,8 @@ pub fn read(folder: &Path, file: &Path, value: &Value) -> Result<Sweep, DraftRef
     Ok(sweep)
 }
 
-/// Keys with their override texts, those of the command last.
-fn overrides(hydra: &Value) -> Vec<(String, String)> {
+/// Keys with their override texts, those of the command last; and words that delete a key, as `~db`.
+fn overrides(hydra: &Value) -> (Vec<(String, String)>, Vec<String>) {
     let params = hydra.pointer("/sweeper/params").and_then(Value::as_object);
     let of_params = params
         .into_iter()
@@ -61,13 +63,17 @@ fn overrides(hydra: &Value) -> Vec<(String, String)> {
         .map(|(key, value)| (key.clone(), spelled(value)));
     let tasks = hydra.pointer("/overrides/task").and_then(Value::as_array);
     let tasks = tasks.into_iter().flatten().filter_map(Value::as_str);
-    let of_tasks = tasks.filter_map(|text| text.split_once('='));
-    let mut all: Vec<(String, String)> = of_params.collect();
-    for (key, text) in of_tasks {
-        all.retain(|(other, _)| other != key);
-        all.push((key.to_owned(), text.to_owned()));
+    let (mut all, mut others): (Vec<(String, String)>, Vec<String>) = (of_params.collect(), Vec::new());
+    for task in tasks {
+        match task.split_once('=').filter(|_| !task.starts_with('~')) {
+            Some((key, text)) => {
+                all.retain(|(other, _)| other != key);
+                all.push((key.to_owned(), text.to_owned()));
+            }
+            None => others.push(task.to_owned()),
+        }
     }
-    all
+    (all, others)
 }
 
 /// The program: by the name of the job, or the only Python file in the folder that imports Hydra.
@@ -127,6 +133,7 @@ fn method(value: &Value, sweep: &mut Sweep) {
     };
     let target = |value: &Value| value["_target_"].as_str().unwrap_or_default().to_lowercase();
     let kind = target(sweeper) + &default("sweeper");
+    sweep.notes.extend(without_counterpart(sweeper));
     let is_search = ["optuna", "nevergrad", "ax"]
         .iter()
         .any(|word| kind.contains(word));
@@ -136,17 +143,11 @@ fn method(value: &Value, sweep: &mut Sweep) {
     let sampler = target(&sweeper["sampler"]) + &default("sweeper/sampler");
     let method = match sampler.as_str() {
         it if it.contains("random") => "{ random: {} }",
-        it if it.contains("cma") => "{ cma_es: {} }",
+        it if it.contains("cma") => CMA_ES,
         it if it.contains("grid") => return,
         _ => "{ tree_parzen: {} }",
     };
-    let trials = sweeper["n_trials"].as_u64();
-    if trials.is_none() {
-        sweep.notes.push(format!(
-            "`n_trials` is not said: the study tries {SETTINGS} settings"
-        ));
-    }
-    let settings = trials.unwrap_or(SETTINGS);
+    let settings = sweeper["n_trials"].as_u64();
     sweep.search = Some(Search { method, settings });
     match &sweeper["direction"] {
         Value::String(text) => sweep.lower_is_better = Some(text == "minimize"),
@@ -165,6 +166,25 @@ fn method(value: &Value, sweep: &mut Sweep) {
     }
 }
 
+/// Notes on the keys of a sweeper that are not read.
+fn without_counterpart(sweeper: &Value) -> Option<String> {
+    const READ: [&str; 6] = ["_target_", "params", "direction", "n_trials", "n_jobs", "sampler"];
+    let keys = |value: &Value, before: &str, read: &[&str]| {
+        let entries = value.as_object().into_iter().flatten();
+        let set = entries.filter(|(key, value)| !value.is_null() && !read.contains(&key.as_str()));
+        set.map(|(key, _)| format!("`{before}{key}`"))
+            .collect::<Vec<String>>()
+    };
+    let mut all = keys(sweeper, "", &READ);
+    all.extend(keys(&sweeper["sampler"], "sampler.", &["_target_"]));
+    (!all.is_empty()).then(|| {
+        format!(
+            "of `hydra.sweeper` these keys have no counterpart: {}",
+            all.join(", ")
+        )
+    })
+}
+
 /// The values over which an override sweeps; `None` where a study has no counterpart.
 fn range(text: &str) -> Option<Range> {
     let text = text.trim();
@@ -172,14 +192,22 @@ fn range(text: &str) -> Option<Range> {
     if parts.len() > 1 {
         return Some(list(&parts));
     }
-    let Some((name, inside)) = text.strip_suffix(')').and_then(|it| it.split_once('(')) else {
+    let call = text.strip_suffix(')').and_then(|it| it.split_once('('));
+    let Some((name, inside)) = call.filter(|(name, _)| is_word(name.trim())) else {
         return Some(list(&parts));
     };
-    let arguments = split(inside);
+    let mut arguments = split(inside);
+    if name.trim() == "sort" {
+        // The order of settings does not matter.
+        arguments.retain(|it| !it.starts_with("reverse="));
+    }
+    if arguments.iter().any(|it| is_named(it)) {
+        return None;
+    }
     let numbers: Option<Vec<f64>> = arguments.iter().map(|it| it.parse().ok()).collect();
     match (name.trim(), arguments.as_slice()) {
         ("choice", _) => Some(list(&arguments)),
-        ("shuffle", [one]) => range(one),
+        ("shuffle" | "sort", [one]) => range(one).filter(|_| !one.starts_with('[')),
         ("shuffle" | "sort", _) => Some(list(&arguments)),
         ("range", _) => steps(&numbers?),
         ("interval", [_, _]) => {
@@ -210,16 +238,46 @@ fn steps(numbers: &[f64]) -> Option<Range> {
     multiples(start, stop - step * 1e-6, step)
 }
 
-fn list(parts: &[&str]) -> Range {
-    let plain = |part: &&str| part.trim_matches(|it| "\"'".contains(it)).to_owned();
-    Range::List(parts.iter().map(|part| options::value(&plain(part))).collect())
+/// Whether an argument is written with its name, as in `range(start=1, stop=4)`.
+fn is_named(argument: &str) -> bool {
+    argument
+        .split_once('=')
+        .is_some_and(|(name, _)| is_word(name.trim()))
 }
 
-/// Splits a text at commas outside brackets.
+fn list(parts: &[&str]) -> Range {
+    Range::List(parts.iter().map(|part| item(part)).collect())
+}
+
+/// A value as Hydra has to be given it: a text keeps its quotes where Hydra reads something else without them.
+fn item(part: &str) -> Value {
+    const OTHERS: [&str; 5] = ["true", "false", "null", "nan", "inf"];
+    let inside = |quote: char| part.strip_prefix(quote)?.strip_suffix(quote);
+    match inside('\'').or_else(|| inside('"')) {
+        None => options::value(part),
+        Some(text) if is_word(text) && !OTHERS.contains(&text.to_ascii_lowercase().as_str()) => text.into(),
+        Some(_) => part.into(),
+    }
+}
+
+fn is_word(text: &str) -> bool {
+    text.starts_with(|it: char| it.is_ascii_alphabetic() || it == '_')
+        && text
+            .chars()
+            .all(|it| it.is_ascii_alphanumeric() || "_-./".contains(it))
+}
+
+/// Splits a text at commas outside brackets and quotes.
 fn split(text: &str) -> Vec<&str> {
-    let (mut parts, mut depth, mut begin) = (Vec::new(), 0, 0);
-    for (place, letter) in text.char_indices() {
+    let (mut parts, mut depth, mut begin, mut quote) = (Vec::new(), 0, 0, None);
+    let mut letters = text.char_indices();
+    while let Some((place, letter)) = letters.next() {
         match letter {
+            // The next letter is meant as it is.
+            '\\' => drop(letters.next()),
+            _ if quote == Some(letter) => quote = None,
+            _ if quote.is_some() => {}
+            '\'' | '"' => quote = Some(letter),
             '(' | '[' | '{' => depth += 1,
             ')' | ']' | '}' => depth -= 1,
             ',' if depth == 0 => {
@@ -267,6 +325,20 @@ mod tests {
         );
         assert_eq!(range("mysql"), list(&[json!("mysql")]));
         assert_eq!(range("glob(*)"), None);
+        assert_eq!(range("'a,b','c,d'"), list(&[json!("'a,b'"), json!("'c,d'")]));
+        assert_eq!(
+            range("choice(mysql,\"post,gres\")"),
+            list(&[json!("mysql"), json!("\"post,gres\"")])
+        );
+        assert_eq!(range("'it\\'s,b',c"), list(&[json!("'it\\'s,b'"), json!("c")]));
+        assert_eq!(range("'f(x)'"), list(&[json!("'f(x)'")]));
+        assert_eq!(range("'1'"), list(&[json!("'1'")]));
+        assert_eq!(
+            range("sort(3,1,2,reverse=true)"),
+            list(&[json!(3), json!(1), json!(2)])
+        );
+        assert_eq!(range("sort([3,1])"), None);
+        assert_eq!(range("range(start=1,stop=4)"), None);
         assert_eq!(range("tag(log, interval(0, 1))"), None);
     }
 
@@ -296,7 +368,7 @@ mod tests {
         );
         let search = Search {
             method: "{ tree_parzen: {} }",
-            settings: 12,
+            settings: Some(12),
         };
         assert_eq!((sweep.search, sweep.lower_is_better), (Some(search), Some(false)));
         assert!(
@@ -307,6 +379,20 @@ mod tests {
             "{:?}",
             sweep.notes
         );
+    }
+
+    #[test]
+    fn a_word_that_deletes_a_key_stays_and_keys_of_the_sweeper_are_named() {
+        let text = "hydra:\n  overrides: { task: [\"~db\", \"lr=1,2\", \"seed=3\"] }\n  sweeper: { _target_: Optuna, storage: null, \
+                    study_name: x, sampler: { seed: 123 } }\n";
+        let sweep = sweep("multirun.yaml", text).unwrap();
+        assert_eq!(sweep.words, ["python", "train.py", "~db", "lr=1", "seed=3"]);
+        let notes = sweep.notes.join("\n");
+        assert!(
+            notes.contains("no counterpart: `study_name`, `sampler.seed`"),
+            "{notes}"
+        );
+        assert!(notes.contains("`seed` is 3 in the sweep"), "{notes}");
     }
 
     #[test]

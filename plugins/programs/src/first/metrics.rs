@@ -6,9 +6,10 @@ use crate::{
     ProgramConfig,
     config::{MetricSource, MetricText, StepText},
     metrics::Metrics,
-    output::{STREAMS, noted},
+    output::{LOG, STREAMS, noted},
     working_folder::{NOTES, WorkingFolder},
 };
+use contract::Error;
 use imported::{SumOf, columns};
 use std::path::{Path, PathBuf};
 
@@ -57,6 +58,22 @@ pub struct FoundMetric {
     pub values: Vec<(u64, f64)>,
 }
 
+/// A metric that a program wrote, and that no trial could read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RefusedMetric {
+    /// Key or column.
+    pub key: String,
+    /// Source of the values: a stream, or a pattern of files.
+    pub from: String,
+    /// Rank by name, as of a metric that can be read.
+    pub rank: usize,
+    /// The reason, in words.
+    pub problem: String,
+}
+
+/// A metric that can be read, or the reason why it cannot.
+type ReadMetric = Result<FoundMetric, RefusedMetric>;
+
 impl FoundMetric {
     /// The largest step.
     pub fn last_step(&self) -> u64 {
@@ -72,57 +89,73 @@ impl FoundMetric {
     }
 
     /// Rank by name among candidates for the study's metric; 0 is the best.
-    fn rank(&self) -> usize {
-        const WORDS: [&str; 8] = [
-            "return", "reward", "rew", "score", "success", "win", "acc", "loss",
-        ];
-        const OTHERS: [&str; 11] = [
-            "std",
-            "min",
-            "max",
-            "time",
-            "fps",
-            "sps",
-            "learning_rate",
-            "lr",
-            "len",
-            "length",
-            "seed",
-        ];
-        let key = self.key.to_lowercase();
-        let words = || key.split(|it: char| !it.is_ascii_alphanumeric());
-        if words().any(|word| OTHERS.contains(&word)) || key.contains("learning_rate") {
-            return 2 * WORDS.len() + 2;
-        }
-        let place = WORDS.iter().position(|word| key.contains(word));
-        let is_training = usize::from(!(key.contains("eval") || key.contains("test") || key.contains("val")));
-        place.map_or(2 * WORDS.len() + 1, |place| 2 * place + is_training)
+    pub fn rank(&self) -> usize {
+        rank(&self.key)
     }
 }
 
-/// All metrics that a program wrote, the best candidates for the study's metric first.
-pub fn seen(place: &WorkingFolder, ran: &ProbeRun, sources: &[String]) -> Vec<FoundMetric> {
-    let mut found = stream(place, STREAMS[0], ran);
+/// Rank of a key by its name.
+fn rank(key: &str) -> usize {
+    const WORDS: [&str; 8] = [
+        "return", "reward", "rew", "score", "success", "win", "acc", "loss",
+    ];
+    const OTHERS: [&str; 12] = [
+        "std",
+        "min",
+        "max",
+        "time",
+        "fps",
+        "sps",
+        "learning_rate",
+        "lr",
+        "len",
+        "length",
+        "lengths",
+        "seed",
+    ];
+    let key = key.to_lowercase();
+    let words = || key.split(|it: char| !it.is_ascii_alphanumeric());
+    if words().any(|word| OTHERS.contains(&word)) || key.contains("learning_rate") {
+        return 2 * WORDS.len() + 2;
+    }
+    let place = WORDS.iter().position(|word| key.contains(word));
+    let is_training = usize::from(!(key.contains("eval") || key.contains("test") || key.contains("val")));
+    place.map_or(2 * WORDS.len() + 1, |place| 2 * place + is_training)
+}
+
+/// All metrics that a program wrote, the best candidates for the study's metric first, and those that no trial could
+/// read, in the same order.
+pub fn seen(
+    place: &WorkingFolder,
+    ran: &ProbeRun,
+    sources: &[String],
+) -> (Vec<FoundMetric>, Vec<RefusedMetric>) {
+    let mut found = stream(place, LOG, ran);
+    found.extend(stream(place, STREAMS[0], ran));
     for path in files(&place.folder, sources) {
         found.extend(file(place, &path));
     }
     found.extend(stream(place, STREAMS[1], ran));
-    let mut single: Vec<FoundMetric> = Vec::new();
+    let (mut single, mut refused): (Vec<FoundMetric>, Vec<RefusedMetric>) = (Vec::new(), Vec::new());
     for seen in found {
-        // Many programs write the same numbers into several files.
-        if !single.iter().any(|other| other.key == seen.key) {
-            single.push(seen);
+        match seen {
+            // Many programs write the same numbers into several files.
+            Ok(seen) if single.iter().any(|other| other.key == seen.key) => {}
+            Ok(seen) => single.push(seen),
+            Err(seen) => refused.push(seen),
         }
     }
+    refused.retain(|it| single.iter().all(|other| other.key != it.key));
     single.sort_by_key(FoundMetric::rank);
-    single
+    refused.sort_by_key(|it| it.rank);
+    (single, refused)
 }
 
-fn stream(place: &WorkingFolder, stream: &str, ran: &ProbeRun) -> Vec<FoundMetric> {
+fn stream(place: &WorkingFolder, stream: &str, ran: &ProbeRun) -> Vec<ReadMetric> {
     let path = noted(&place.notes(), stream);
     if path.metadata().is_ok_and(|it| it.len() > 0) {
-        // Lines without a step got a number.
-        let is_written = |name: &String| ran.keys.contains(name);
+        // Lines without a step got a number; those of the log have one.
+        let is_written = |name: &String| stream == LOG || ran.keys.contains(name);
         names(&path).map_or_else(Vec::new, |(names, _)| {
             let names: Vec<String> = names.into_iter().filter(is_written).collect();
             read(place, stream, &names, None)
@@ -132,7 +165,7 @@ fn stream(place: &WorkingFolder, stream: &str, ran: &ProbeRun) -> Vec<FoundMetri
     }
 }
 
-fn file(place: &WorkingFolder, path: &Path) -> Vec<FoundMetric> {
+fn file(place: &WorkingFolder, path: &Path) -> Vec<ReadMetric> {
     let Some(pattern) = path.strip_prefix(&place.folder).ok().map(pattern) else {
         return Vec::new();
     };
@@ -151,35 +184,65 @@ fn names(path: &Path) -> Option<(Vec<String>, bool)> {
 }
 
 /// The names that have values, each read in the same way as in a trial.
-fn read(place: &WorkingFolder, from: &str, names: &[String], sum: Option<StepText>) -> Vec<FoundMetric> {
+fn read(place: &WorkingFolder, from: &str, names: &[String], sum: Option<StepText>) -> Vec<ReadMetric> {
     let column = STEPS
         .iter()
         .find_map(|step| names.iter().find(|name| name.to_lowercase() == **step));
     let step = sum.or_else(|| column.map(|name| StepText::Column(name.clone())));
     let is_step = |name: &&String| STEPS.contains(&name.to_lowercase().as_str());
-    let others = names.iter().filter(|name| !is_step(name));
-    let one = |key: &String| {
-        let config = ProgramConfig {
-            reads: MetricSource {
-                from: from.to_owned(),
-                step: step.clone(),
-            },
-            metrics: [("x".to_owned(), MetricText::Key(key.clone()))].into(),
-            ..ProgramConfig::default()
-        };
-        let mut metrics = Metrics::of(&config, &place.folder, &place.notes(), false);
-        let curves = metrics.last(&[]).ok()?;
-        let values = curves.first()?.values.clone();
-        let (key, from) = (key.clone(), from.to_owned());
-        let is_finite = values.iter().all(|(_, value)| value.is_finite());
-        (is_finite && !key.contains('*')).then(|| FoundMetric {
-            key,
-            from,
-            step: step.clone(),
-            values,
-        })
+    let others = names.iter().filter(|name| !is_step(name) && !name.contains('*'));
+    let source = MetricSource {
+        from: from.to_owned(),
+        step,
     };
-    others.filter_map(one).collect()
+    others.filter_map(|key| read_one(place, &source, key)).collect()
+}
+
+/// The problem without its remedies, which are those of imported files.
+fn steps_alone(problem: &str) -> String {
+    let problem = problem.split(": ").next().unwrap_or(problem);
+    format!("is not in the order of its steps, as in a trial it has to be ({problem})")
+}
+
+/// A metric; `None` for a column without numbers.
+fn read_one(place: &WorkingFolder, source: &MetricSource, key: &str) -> Option<ReadMetric> {
+    let config = ProgramConfig {
+        reads: source.clone(),
+        metrics: [("x".to_owned(), MetricText::Key(key.to_owned()))].into(),
+        ..ProgramConfig::default()
+    };
+    let mut metrics = Metrics::of(&config, &place.folder, &place.notes(), false);
+    let values = match metrics.last(&[]) {
+        Ok(curves) => Ok(curves.first()?.values.clone()),
+        // A problem of a column is that it has no numbers.
+        Err(Error::Input {
+            column: None,
+            problem,
+            ..
+        }) => Err(steps_alone(&problem)),
+        Err(_) => return None,
+    };
+    let all_finite = |values: Vec<(u64, f64)>| match values.iter().find(|(_, value)| !value.is_finite()) {
+        None => Ok(values),
+        Some((step, value)) => Err(format!(
+            "is {value} at step {step}, and a trial ends where its metric is no finite number"
+        )),
+    };
+    let MetricSource { from, step } = source.clone();
+    Some(match values.and_then(all_finite) {
+        Ok(values) => Ok(FoundMetric {
+            key: key.to_owned(),
+            from,
+            step,
+            values,
+        }),
+        Err(problem) => Err(RefusedMetric {
+            key: key.to_owned(),
+            from,
+            rank: rank(key),
+            problem,
+        }),
+    })
 }
 
 /// Files that may hold metrics, without the program's sources.
@@ -210,7 +273,7 @@ fn files(folder: &Path, sources: &[String]) -> Vec<PathBuf> {
 }
 
 fn is_log(name: &str) -> bool {
-    const ENDS: [&str; 6] = [".csv", ".tsv", ".jsonl", ".ndjson", ".json", ".parquet"];
+    const ENDS: [&str; 7] = [".csv", ".tsv", ".jsonl", ".ndjson", ".json", ".parquet", ".npz"];
     name.contains("tfevents") || ENDS.iter().any(|end| name.trim_end_matches(".gz").ends_with(end))
 }
 
@@ -245,6 +308,10 @@ mod tests {
     use std::fs;
 
     fn look(files: &[(&str, &str)], keys: &[&str]) -> Vec<FoundMetric> {
+        look_at(files, keys).0
+    }
+
+    fn look_at(files: &[(&str, impl AsRef<[u8]>)], keys: &[&str]) -> (Vec<FoundMetric>, Vec<RefusedMetric>) {
         let folder = tempfile::tempdir().unwrap();
         for (name, text) in files {
             let path = folder.path().join(name);
@@ -316,6 +383,36 @@ mod tests {
             shown(&found).contains(&("r", "logs/*.monitor.csv", 15)),
             "{found:?}"
         );
+    }
+
+    /// The evaluation callback of Stable-Baselines3 writes no other file.
+    #[test]
+    fn arrays_are_found_and_so_are_lines_of_the_log() {
+        let arrays = include_bytes!("../../../../engine/imported/src/fixtures/evaluations.npz");
+        let (found, _) = look_at(&[("logs/evaluations.npz", arrays)], &[]);
+        assert_eq!(
+            shown(&found),
+            [
+                ("results", "logs/evaluations.npz", 3000),
+                ("ep_lengths", "logs/evaluations.npz", 3000)
+            ]
+        );
+        let log = "{\"step\":5,\"ret\":2.0}\n{\"step\":9,\"ret\":3.0}\n";
+        let found = look(&[(".regimen/log.jsonl", log)], &[]);
+        assert_eq!(shown(&found), [("ret", "log", 9)]);
+    }
+
+    #[test]
+    fn a_metric_that_no_trial_could_read_has_its_reason() {
+        let log = "step,return,loss,name\n1,5,1,a\n2,nan,2,b\n";
+        let (found, refused) = look_at(&[("log.csv", log)], &[]);
+        assert_eq!(shown(&found), [("loss", "log.csv", 2)]);
+        let problem = refused.iter().find(|it| it.key == "return");
+        let problem = problem.map_or("", |it| it.problem.as_str());
+        assert!(problem.starts_with("is NaN at step 2"), "{refused:?}");
+        let (found, refused) = look_at(&[("log.csv", "step,loss\n1,5\n2,4\n1,3\n2,2\n")], &[]);
+        assert!(found.is_empty(), "{found:?}");
+        assert!(refused[0].problem.contains("comes after step 2"), "{refused:?}");
     }
 
     #[test]

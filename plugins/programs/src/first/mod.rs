@@ -18,13 +18,18 @@ mod wandb;
 mod written;
 mod yaml;
 
+use crate::process;
 use command::{Command, CommandWord};
 use contract::draft::{Draft, DraftError, Given};
 use error::DraftRefusal;
 use help::{Help, HelpOption};
-use metrics::FoundMetric;
+use metrics::{FoundMetric, RefusedMetric};
 use probe::{Probe, ProbeRun};
-use std::{collections::BTreeSet, path::Path, time::Duration};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    time::Duration,
+};
 use sweep::Sweep;
 
 /// Programs that do not pass `--help` on to their script.
@@ -36,6 +41,9 @@ const MANAGERS: [&str; 5] = ["uv", "poetry", "pixi", "pdm", "hatch"];
 #[derive(Debug)]
 struct ProgramDraft {
     from: String,
+    folder: PathBuf,
+    /// Environment variables that the command sets.
+    variables: BTreeMap<String, String>,
     command: Command,
     sweep: Sweep,
     probe: Probe,
@@ -71,9 +79,9 @@ pub fn begin(given: &Given<'_>) -> Result<Box<dyn Draft>, DraftError> {
 
 impl ProgramDraft {
     fn begin(given: &Given<'_>) -> Result<Self, DraftRefusal> {
-        let sweep = asked(given)?;
-        let swept: BTreeSet<String> = sweep.swept.iter().map(|(option, _)| option.clone()).collect();
-        let command = Command::of(&sweep.words, given.folder, &swept);
+        let mut sweep = asked(given)?;
+        let variables = shell_words::take_variables(&mut sweep.words)?;
+        let command = Command::of(&sweep.words, given.folder, &sweep.options(), &Help::default());
         is_here(&command, given.from)?;
         let named = sweep.swept.iter().flat_map(|(_, range)| range.texts());
         let named = named.filter_map(|text| sources::inside(given.folder, text));
@@ -88,9 +96,12 @@ impl ProgramDraft {
         sources.dedup();
         let lock = sources::lock(given.folder);
         sources.retain(|name| Some(name.as_str()) != lock);
-        let probe = Probe::new(given.folder, &sources, lock, &command.interpreter)?;
+        let probe =
+            Probe::new(given.folder, &sources, lock, &command.interpreter)?.with_variables(&variables);
         Ok(Self {
             from: given.from.to_owned(),
+            folder: given.folder.to_owned(),
+            variables,
             notes: sweep.notes.clone(),
             command,
             sweep,
@@ -134,24 +145,78 @@ impl ProgramDraft {
 
     fn find_metrics(&mut self) -> Result<(), DraftRefusal> {
         let files: Vec<String> = self.probe.files().map(str::to_owned).collect();
-        self.seen = metrics::seen(&self.probe.place(), &self.ran, &files);
+        let (seen, refused) = metrics::seen(&self.probe.place(), &self.ran, &files);
+        self.seen = seen;
         let asked = self.sweep.metric.clone();
-        if let Some(name) = asked {
-            match self.seen.iter().position(|it| it.key == name) {
-                Some(place) => self.seen[..=place].rotate_right(1),
-                None => self.notes.push(format!(
-                    "the metric `{name}` of the sweep was not seen; another one stands in its place, and `--seconds` waits \
-                     longer for it"
-                )),
-            }
+        let place = asked.and_then(|name| self.seen.iter().position(|it| it.key == name));
+        if let Some(place) = place {
+            self.seen[..=place].rotate_right(1);
         }
-        if self.seen.is_empty() {
-            return Err(self.without_metric());
+        let Some(first) = self.seen.first().cloned() else {
+            return Err(self.without_metric(refused));
+        };
+        if place.is_none() {
+            self.stand_in(&first, &refused);
         }
+        let preferred = refused.into_iter().filter(|it| self.is_preferred(it, &first));
+        let left_out =
+            |it: RefusedMetric| format!("`{}` of `{}` is left out: it {}", it.key, it.from, it.problem);
+        let notes: Vec<String> = preferred.map(left_out).collect();
+        self.notes.extend(notes);
         Ok(())
     }
 
-    fn without_metric(&self) -> DraftRefusal {
+    /// Whether a metric that cannot be read would have been that of the study.
+    fn is_preferred(&self, refused: &RefusedMetric, first: &FoundMetric) -> bool {
+        match &self.sweep.metric {
+            Some(name) => *name == refused.key,
+            None => refused.rank < first.rank(),
+        }
+    }
+
+    /// Notes that the sweep's metric was not read. Its goal is that of no other metric.
+    fn stand_in(&mut self, first: &FoundMetric, refused: &[RefusedMetric]) {
+        let goal = self.sweep.lower_is_better.take();
+        let is_better = if first.lower_is_better() {
+            "lower"
+        } else {
+            "higher"
+        };
+        let stands = format!(
+            "`{}`, whose {is_better} values are better, by its name",
+            first.key
+        );
+        let name = self.sweep.metric.as_ref();
+        let waits = match name {
+            Some(name) if refused.iter().all(|it| it.key != *name) => "; `--seconds` waits longer",
+            _ => "",
+        };
+        self.notes.extend(match (name, goal) {
+            (Some(name), _) => Some(format!(
+                "the metric `{name}` of the sweep was not read{waits}; in its place stands {stands}"
+            )),
+            (None, Some(_)) => Some(format!(
+                "the direction of the sweep is that of a value without a name; the study goes by {stands}"
+            )),
+            (None, None) => None,
+        });
+    }
+
+    fn without_metric(&self, refused: Vec<RefusedMetric>) -> DraftRefusal {
+        let program = process::named(&self.started());
+        let how = self.how_it_ran();
+        if let Some(RefusedMetric {
+            key, from, problem, ..
+        }) = refused.into_iter().next()
+        {
+            return DraftRefusal::Unreadable {
+                program,
+                how,
+                key,
+                from,
+                problem,
+            };
+        }
         let keys = &self.ran.keys;
         let there = if keys.is_empty() {
             "no line of its output is a JSON object or has words KEY=VALUE, and it left no file with numbers"
@@ -159,11 +224,7 @@ impl ProgramDraft {
         } else {
             format!("keys in its output were `{}`", keys.join("`, `"))
         };
-        DraftRefusal::NoMetric {
-            program: self.started().into_iter().take(2).collect::<Vec<_>>().join(" "),
-            how: self.how_it_ran(),
-            there,
-        }
+        DraftRefusal::NoMetric { program, how, there }
     }
 
     fn how_it_ran(&self) -> String {
@@ -238,7 +299,8 @@ impl Draft for ProgramDraft {
 
     fn look(&mut self) -> Result<(), DraftError> {
         if self.has_help() {
-            let help = Help::read(&self.probe.help(self.asks_for_help())?);
+            let help = Help::read(&self.probe.help(self.asks_for_help(), self.runs_for)?);
+            self.command = Command::of(&self.sweep.words, &self.folder, &self.sweep.options(), &help);
             self.others = self.command.complete(&help);
         }
         self.ran = self.probe.run(self.started(), self.runs_for)?;
@@ -296,5 +358,112 @@ fn is_here(command: &Command, from: &str) -> Result<(), DraftRefusal> {
             what: format!("which `{from}` names"),
         }),
         None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The draft of a sweep whose program has written these lines.
+    fn looked_at(
+        name: &str,
+        sweep: &str,
+        keys: &[&str],
+        lines: &str,
+    ) -> (ProgramDraft, Result<(), DraftRefusal>) {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("train.py"), "hydra.main").unwrap();
+        std::fs::write(folder.path().join(name), sweep).unwrap();
+        let mut draft = ProgramDraft::begin(&Given {
+            from: name,
+            folder: folder.path(),
+            sources: &[],
+            runs_for: Duration::from_secs(1),
+        })
+        .unwrap();
+        let notes = draft.probe.place().notes();
+        std::fs::create_dir_all(&notes).unwrap();
+        std::fs::write(notes.join("stdout.jsonl"), lines).unwrap();
+        draft.ran = ProbeRun {
+            has_ended: true,
+            keys: keys.iter().map(|it| (*it).to_owned()).collect(),
+        };
+        let found = draft.find_metrics();
+        (draft, found)
+    }
+
+    const LOSSES: &str = "{\"step\":1,\"loss\":\"2\"}\n{\"step\":2,\"loss\":\"1\"}\n";
+    const SWEEP: &str = "program: train.py\nmethod: random\nmetric: { name: acc, goal: maximize }\nparameters:\n  lr: { values: \
+                         [1, 2] }\n";
+
+    #[test]
+    fn the_goal_of_a_sweep_is_that_of_no_other_metric() {
+        let (draft, _) = looked_at("sweep.yaml", SWEEP, &["loss"], LOSSES);
+        let text = draft.text("a");
+        assert!(text.contains("metric: loss\n    direction: minimize\n"), "{text}");
+        let notes = draft.notes.join("\n");
+        assert!(
+            notes.contains("`acc` of the sweep was not read; `--seconds`")
+                && notes.contains("`loss`, whose lower"),
+            "{notes}"
+        );
+        let hydra = "defaults: [{ override hydra/sweeper: optuna }]\nhydra: { sweeper: { direction: maximize, n_trials: 9, params: \
+                     { lr: \"1,2\" } } }\n";
+        let (draft, _) = looked_at("tune.yaml", hydra, &["loss"], LOSSES);
+        assert!(
+            draft.text("a").contains("direction: minimize\n"),
+            "{}",
+            draft.text("a")
+        );
+        assert!(
+            draft.notes.join("\n").contains("a value without a name"),
+            "{:?}",
+            draft.notes
+        );
+        let named = SWEEP.replace("acc", "loss");
+        let (draft, _) = looked_at("sweep.yaml", &named, &["loss"], LOSSES);
+        assert!(!draft.text("a").contains("minimize"), "{}", draft.text("a"));
+    }
+
+    #[test]
+    fn no_profile_tries_more_settings_than_there_are() {
+        let (draft, _) = looked_at("sweep.yaml", SWEEP, &["loss"], LOSSES);
+        let text = draft.text("a");
+        assert!(text.contains("    settings: 2\n"), "{text}");
+        assert!(text.contains("tune.tuned.settings: 2 }"), "{text}");
+    }
+
+    #[test]
+    fn a_metric_that_is_no_finite_number_is_named() {
+        let lines =
+            "{\"step\":1,\"loss\":\"2\",\"acc\":\"1\"}\n{\"step\":2,\"loss\":\"1\",\"acc\":\"nan\"}\n";
+        let (draft, _) = looked_at("sweep.yaml", SWEEP, &["loss", "acc"], lines);
+        let notes = draft.notes.join("\n");
+        assert!(
+            notes.contains("`acc` of `stdout` is left out: it is NaN at step 2")
+                && !notes.contains("`--seconds`"),
+            "{notes}"
+        );
+        let (_, found) = looked_at("sweep.yaml", SWEEP, &["acc"], lines);
+        let told = found.unwrap_err().to_string();
+        assert!(told.contains("`acc` of `stdout` is NaN at step 2"), "{told}");
+    }
+
+    #[test]
+    fn variables_of_the_command_are_those_of_the_study() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("train.py"), "").unwrap();
+        let draft = ProgramDraft::begin(&Given {
+            from: "LR=3 python train.py",
+            folder: folder.path(),
+            sources: &[],
+            runs_for: Duration::from_secs(1),
+        });
+        let text = draft.unwrap().text("a");
+        assert!(
+            text.contains("variables: { LR: \"3\" }") && text.contains("run: [python, train.py]"),
+            "{text}"
+        );
     }
 }

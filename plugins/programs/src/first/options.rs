@@ -1,7 +1,8 @@
 //! Classification of options by their names: seeds, steps, tasks, and options that are copied unchanged.
 
-use crate::words::OTHERS;
-use serde_json::{Number, Value};
+use crate::{config::ProgramConfig, words::OTHERS};
+use serde_json::{Map, Number, Value};
+use std::{collections::BTreeSet, sync::LazyLock};
 
 /// Purpose of an option.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,21 +81,11 @@ const PLACES: [&str; 22] = [
     "tag",
 ];
 /// Keys of a program in a study, which no parameter may hide.
-const KEYS: [&str; 13] = [
-    "run",
-    "parameters",
-    "sources",
-    "lock",
-    "inputs",
-    "variables",
-    "reads",
-    "metrics",
-    "resume",
-    "shown",
-    "stop",
-    "inherit",
-    "interpreter",
-];
+static KEYS: LazyLock<BTreeSet<String>> = LazyLock::new(|| {
+    let schema = schemars::schema_for!(ProgramConfig);
+    let keys = schema.get("properties").and_then(Value::as_object);
+    keys.into_iter().flat_map(Map::keys).cloned().collect()
+});
 
 /// The name of an option in lower case, without dashes.
 fn plain(option: &str) -> String {
@@ -145,32 +136,45 @@ pub fn parameter_name(option: &str) -> String {
     if !name.starts_with(|it: char| it.is_ascii_alphabetic() || it == '_') {
         name.insert_str(0, "p_");
     }
-    if KEYS.contains(&name.as_str()) || OTHERS.contains(&name.as_str()) {
+    if KEYS.contains(&name) || OTHERS.contains(&name.as_str()) {
         name.push('_');
     }
     name
 }
 
-/// The value of a word: a whole number, a number, or a text.
+/// The value of a word: a number if it spells the same, otherwise the text. A number with an exponent is spelled anew,
+/// and so is a negative one, because a text that begins with `-` would be taken for an option.
 pub fn value(text: &str) -> Value {
-    let is_number = text
-        .trim_start_matches(['-', '+'])
-        .starts_with(|it: char| it.is_ascii_digit() || it == '.');
-    if let Ok(whole) = text.parse::<i64>()
-        && is_number
-    {
-        return whole.into();
+    let Some(number) = number(text) else {
+        return text.into();
+    };
+    let whole = text.parse::<i64>().ok();
+    let has_exponent = text.contains(['e', 'E']);
+    let spells_the_same = match whole {
+        Some(whole) => whole.to_string() == text,
+        None => text.contains('.') && (number.to_string() == text || format!("{number}.0") == text),
+    };
+    if !has_exponent && !text.starts_with('-') && !spells_the_same {
+        return text.into();
     }
-    let number = text.parse::<f64>().ok().filter(|it| is_number && it.is_finite());
-    match number {
+    match whole {
+        Some(whole) => whole.into(),
         // Programs that ask for a whole number understand `1000000`, and some do not understand `1e6`.
         #[allow(clippy::cast_possible_truncation, reason = "it is whole and below 2^53")]
-        Some(number) if number.fract() == 0.0 && number.abs() < 1e15 && text.contains(['e', 'E']) => {
-            (number as i64).into()
-        }
-        Some(number) => Number::from_f64(number).map_or_else(|| text.into(), Value::Number),
-        None => text.into(),
+        None if number.fract() == 0.0 && number.abs() < 1e15 && has_exponent => (number as i64).into(),
+        None => Number::from_f64(number).map_or_else(|| text.into(), Value::Number),
     }
+}
+
+/// Whether a word is a number, however it is spelled.
+pub fn is_number(text: &str) -> bool {
+    number(text).is_some()
+}
+
+fn number(text: &str) -> Option<f64> {
+    let plain = text.trim_start_matches(['-', '+']);
+    let begins = plain.starts_with(|it: char| it.is_ascii_digit() || it == '.');
+    text.parse().ok().filter(|it: &f64| begins && it.is_finite())
 }
 
 #[cfg(test)]
@@ -205,8 +209,14 @@ mod tests {
             ("3e-4", json!(0.0003)),
             ("1e6", json!(1_000_000)),
             ("-1", json!(-1)),
-            ("0.50", json!(0.5)),
+            ("0.5", json!(0.5)),
+            ("0.00001", json!(0.00001)),
             ("1.0", json!(1.0)),
+            ("-0.50", json!(-0.5)),
+            ("0.50", json!("0.50")),
+            ("1.10", json!("1.10")),
+            ("007", json!("007")),
+            ("12345678901234567890123", json!("12345678901234567890123")),
             ("True", json!("True")),
             ("nan", json!("nan")),
             ("1e999", json!("1e999")),
@@ -224,5 +234,8 @@ mod tests {
         assert_eq!(parameter_name("--stop"), "stop_");
         assert_eq!(parameter_name("--steps"), "steps_");
         assert_eq!(parameter_name("-2"), "p_2");
+        for key in ["run", "parameters", "needs", "measured", "leaves", "interpreter"] {
+            assert_eq!(parameter_name(&format!("--{key}")), format!("{key}_"));
+        }
     }
 }

@@ -10,10 +10,10 @@ use crate::{
     process::Process,
     working_folder::WorkingFolder,
 };
-use contract::{DataFile, Error, resources::Share};
+use contract::{DataFile, Error, own_training::Assignment, resources::Share};
 use document::reach::Reach;
 use imported::matching;
-use std::{path::Path, time::Duration};
+use std::{collections::BTreeMap, path::Path, time::Duration};
 
 /// Longest time for the output of `--help`.
 const LONGEST_HELP: Duration = Duration::from_secs(60);
@@ -77,6 +77,12 @@ impl Probe {
         Ok(Self { config, folder })
     }
 
+    /// The probe with environment variables of the command.
+    pub fn with_variables(mut self, variables: &BTreeMap<String, String>) -> Self {
+        self.config.variables.clone_from(variables);
+        self
+    }
+
     pub fn files(&self) -> impl Iterator<Item = &str> {
         self.config.sources.0.keys().map(String::as_str)
     }
@@ -86,13 +92,13 @@ impl Probe {
         WorkingFolder::at(self.folder.path(), &self.config)
     }
 
-    /// Output of the program when it is asked for its options; its exit status does not count.
+    /// Output of the program when it is asked for its options, within `longest`; its exit status does not count.
     ///
     /// # Errors
     /// [`DraftRefusal::Engine`] where the program cannot be started.
-    pub fn help(&self, words: Vec<String>) -> Result<String, DraftRefusal> {
+    pub fn help(&self, words: Vec<String>, longest: Duration) -> Result<String, DraftRefusal> {
         let mut process = self.start(words)?;
-        match process.ends_within(LONGEST_HELP) {
+        match process.ends_within(longest.min(LONGEST_HELP)) {
             None => process.stop(),
             Some(Err(error @ Error::Unavailable { .. })) => return Err(error.into()),
             Some(_) => {}
@@ -127,6 +133,7 @@ impl Probe {
         let place = self.place();
         place.empty()?;
         place.lay(&self.config)?;
+        place.tell(&Assignment::default(), None)?;
         let words = agent::started(&self.config, words)?;
         let filters = STREAMS.map(|_| Filter {
             all: true,

@@ -1,6 +1,7 @@
 //! Splits a command line into words, like a shell without expansions.
 
 use super::error::DraftRefusal;
+use std::collections::BTreeMap;
 
 /// Signs that mean something to a shell only.
 const SIGNS: [char; 9] = ['|', '&', ';', '<', '>', '$', '`', '*', '('];
@@ -37,6 +38,27 @@ pub fn words(command: &str) -> Result<Vec<String>, DraftRefusal> {
     Ok(words)
 }
 
+/// Takes the assignments before a program, as in `LR=3 python train.py`, out of the words.
+///
+/// # Errors
+/// [`DraftRefusal::Nothing`] where no program follows them.
+pub fn take_variables(words: &mut Vec<String>) -> Result<BTreeMap<String, String>, DraftRefusal> {
+    let is_name = |name: &str| {
+        name.starts_with(|it: char| it.is_ascii_alphabetic() || it == '_')
+            && name.chars().all(|it| it.is_ascii_alphanumeric() || it == '_')
+    };
+    let assignment = |word: &String| {
+        let (name, value) = word.split_once('=').filter(|(name, _)| is_name(name))?;
+        Some((name.to_owned(), value.to_owned()))
+    };
+    let all: Vec<(String, String)> = words.iter().map_while(assignment).collect();
+    if all.len() == words.len() {
+        return Err(DraftRefusal::Nothing);
+    }
+    words.drain(..all.len());
+    Ok(all.into_iter().collect())
+}
+
 /// Reads up to the closing quote; `None` where it is missing.
 fn quoted(letters: &mut std::str::Chars<'_>, quote: char, word: &mut String) -> Option<()> {
     loop {
@@ -64,6 +86,17 @@ mod tests {
             ["a", "b c", "d\"e", "f g", "--x=", "hij"]
         );
         assert_eq!(read("a 'choice(1,2)' '$HOME'"), ["a", "choice(1,2)", "$HOME"]);
+    }
+
+    #[test]
+    fn assignments_before_the_program_are_variables() {
+        let mut all = words("LR=3 NAME='a b' python train.py x=1").unwrap();
+        let variables = take_variables(&mut all).unwrap();
+        let expected =
+            [("LR", "3"), ("NAME", "a b")].map(|(name, value)| (name.to_owned(), value.to_owned()));
+        assert_eq!(variables, expected.into());
+        assert_eq!(all, ["python", "train.py", "x=1"]);
+        assert!(take_variables(&mut vec!["LR=3".into()]).is_err());
     }
 
     #[test]

@@ -8,12 +8,16 @@ use super::{
     wandb, yaml,
 };
 use serde_json::Value;
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 /// Most values to which a range of whole numbers or steps is expanded.
 const MOST_LISTED: usize = 64;
 /// Number of settings for a sweep that has no end.
-pub const SETTINGS: u64 = 20;
+const SETTINGS: u64 = 20;
+/// Most seeds of a search, which measures its best setting on all of them.
+const MOST_SEEDS: usize = 10;
+/// The method for ranges of numbers alone.
+pub const CMA_ES: &str = "{ cma_es: {} }";
 
 /// Values of an option.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,6 +39,14 @@ impl Range {
         };
         listed.iter().filter_map(Value::as_str)
     }
+
+    /// Number of values; `None` where they are not listed.
+    fn count(&self) -> Option<u64> {
+        match self {
+            Self::List(values) => Some(values.len() as u64),
+            _ => None,
+        }
+    }
 }
 
 /// Method for choosing settings if not all of them are tried.
@@ -42,8 +54,8 @@ impl Range {
 pub struct Search {
     /// The method's name in a study.
     pub method: &'static str,
-    /// Number of settings.
-    pub settings: u64,
+    /// Number of settings, if the sweep states it.
+    pub settings: Option<u64>,
 }
 
 /// The sweep of another tool.
@@ -57,6 +69,8 @@ pub struct Sweep {
     pub swept: Vec<(String, Range)>,
     /// Method for choosing settings; `None` if all are tried.
     pub search: Option<Search>,
+    /// Number of settings that a search tries.
+    pub settings: u64,
     /// The metric by which the sweep compares settings.
     pub metric: Option<String>,
     /// Whether lower values of that metric are better; `None` if the sweep does not state it.
@@ -92,13 +106,52 @@ impl Sweep {
         {
             sweep.search = Some(Search {
                 method: "{ random: {} }",
-                settings: SETTINGS,
+                settings: None,
             });
-            sweep
-                .notes
-                .push(format!("a range is sampled {SETTINGS} times: look at `settings`"));
         }
+        sweep.count_settings();
         Ok(sweep)
+    }
+
+    /// Options with several values.
+    pub fn options(&self) -> BTreeSet<String> {
+        self.swept.iter().map(|(option, _)| option.clone()).collect()
+    }
+
+    /// Notes that the only seed of a sweep is not that of the study.
+    pub fn note_seed(&mut self, option: &str, value: &Value) {
+        if options::kind(option) == OptionPurpose::Seed {
+            self.notes.push(format!(
+                "`{option}` is {value} in the sweep; seeds of the study count from 0"
+            ));
+        }
+    }
+
+    /// Decides how many settings a search tries: no more than exist. Its method has to accept lists.
+    fn count_settings(&mut self) {
+        let counts = self.swept.iter().map(|(_, range)| range.count());
+        let all = counts
+            .clone()
+            .try_fold(1_u64, |all, n| Some(all.saturating_mul(n?)));
+        let has_list = counts.flatten().next().is_some();
+        let Some(search) = self.search.as_mut().filter(|_| !self.swept.is_empty()) else {
+            self.search = None;
+            return;
+        };
+        if has_list && search.method == CMA_ES {
+            search.method = "{ tree_parzen: {} }";
+        }
+        self.settings = search.settings.unwrap_or(SETTINGS).min(all.unwrap_or(u64::MAX));
+        let settings = self.settings;
+        match search.settings {
+            None => self.notes.push(format!(
+                "the sweep does not say how many settings it tries: the study tries {settings}, by `settings`"
+            )),
+            Some(asked) if asked > settings => self.notes.push(format!(
+                "the sweep asks for {asked} settings, and there are {settings}"
+            )),
+            Some(_) => {}
+        }
     }
 
     /// Turns a sweep over seeds into replicates.
@@ -112,22 +165,28 @@ impl Sweep {
         };
         let (option, range) = self.swept.remove(place);
         if let Range::List(values) = range {
-            self.seeds = Some(values.len());
-            let n = values.len();
+            let most = self.search.as_ref().map_or(usize::MAX, |_| MOST_SEEDS);
+            let seeds = values.len().min(most);
+            self.seeds = Some(seeds);
             self.notes.push(format!(
-                "the {n} values of `{option}` are {n} seeds of the study, which count from 0"
+                "the values of `{option}` become {seeds} seeds of the study, which count from 0"
             ));
         }
     }
 }
 
 /// Whole numbers between two limits, both included: all of them, or as many as may be listed.
-pub fn integers(low: i64, high: i64) -> Range {
+pub fn spread(low: i64, high: i64) -> impl Iterator<Item = i64> {
     let count = usize::try_from(high.saturating_sub(low))
         .unwrap_or(0)
         .saturating_add(1);
     let stride = count.div_ceil(MOST_LISTED).max(1);
-    Range::List((low..=high).step_by(stride).map(Value::from).collect())
+    (low..=high).step_by(stride)
+}
+
+/// Like [`spread`], as values of an option.
+pub fn integers(low: i64, high: i64) -> Range {
+    Range::List(spread(low, high).map(Value::from).collect())
 }
 
 /// Multiples of a step between two numbers; `None` where they are too many to be listed.
@@ -138,18 +197,20 @@ pub fn multiples(low: f64, high: f64, step: f64) -> Option<Range> {
         reason = "a count of values that are written out"
     )]
     let is_few = step > 0.0 && count >= 0.0 && count < MOST_LISTED as f64;
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "it is a small count"
-    )]
-    let count = if is_few { count as u32 } else { return None };
-    let value = |place: u32| {
-        // Ten decimals, so that sums of steps are written as a person would write them.
-        let text = format!("{:.10}", f64::from(place).mul_add(step, low));
-        options::value(text.trim_end_matches('0').trim_end_matches('.'))
-    };
-    Some(Range::List((0..=count).map(value).collect()))
+    #[allow(clippy::cast_possible_truncation, reason = "it is a small count")]
+    let count = if is_few { count as i64 } else { return None };
+    Some(Range::List(
+        (0..=count).map(|place| spaced(low, place, step)).collect(),
+    ))
+}
+
+/// The value at a place of an evenly spaced list.
+pub fn spaced(begin: f64, place: i64, step: f64) -> Value {
+    #[allow(clippy::cast_precision_loss, reason = "places are few")]
+    let number = (place as f64).mul_add(step, begin);
+    // Ten decimals, so that sums of steps are written as a person would write them.
+    let text = format!("{number:.10}");
+    options::value(text.trim_end_matches('0').trim_end_matches('.'))
 }
 
 /// One value of a range, with which the probe starts the program.
@@ -173,11 +234,11 @@ pub fn spelled(value: &Value) -> String {
     }
 }
 
-/// A value in the parameters of a study.
+/// A value in the parameters of a study: a number, or the text that the program gets.
 pub fn as_parameter(value: &Value) -> Value {
     match value {
         Value::Number(_) => value.clone(),
-        other => options::value(&spelled(other)),
+        other => spelled(other).into(),
     }
 }
 
@@ -203,6 +264,42 @@ mod tests {
         );
         assert_eq!(multiples(0.0, 1e6, 0.5), None);
         assert_eq!(multiples(0.0, 1.0, 0.0), None);
+    }
+
+    fn read(text: &str) -> Sweep {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("sweep.yaml"), format!("program: a\n{text}")).unwrap();
+        Sweep::read(folder.path(), Path::new("sweep.yaml")).unwrap()
+    }
+
+    #[test]
+    fn a_search_tries_no_more_settings_than_there_are_and_says_so() {
+        let sweep = read("method: random\nparameters: { a: { values: [1, 2] }, b: { value: 3 } }\n");
+        assert_eq!(sweep.settings, 2);
+        assert!(sweep.notes[0].contains("the study tries 2"), "{:?}", sweep.notes);
+        let sweep = read("method: random\nrun_cap: 9\nparameters: { a: { values: [1, 2] } }\n");
+        assert_eq!(sweep.notes, ["the sweep asks for 9 settings, and there are 2"]);
+        let sweep = read("method: random\nparameters: { a: { min: 0.5, max: 2.5 } }\n");
+        assert_eq!(sweep.settings, SETTINGS);
+    }
+
+    #[test]
+    fn seeds_of_a_sweep_are_bounded_and_noted() {
+        let sweep = read(
+            "method: random\nrun_cap: 4\nparameters: { seed: { min: 0, max: 100000 }, a: { min: 0.5, max: 1 } }\n",
+        );
+        assert_eq!(sweep.seeds, Some(MOST_SEEDS));
+        assert!(
+            sweep.notes.iter().any(|it| it.contains("become 10 seeds")),
+            "{:?}",
+            sweep.notes
+        );
+        let sweep = read("method: grid\nparameters: { seed: { value: 42 }, a: { values: [1, 2] } }\n");
+        assert_eq!(sweep.seeds, None);
+        assert_eq!(
+            sweep.notes,
+            ["`seed` is 42 in the sweep; seeds of the study count from 0"]
+        );
     }
 
     #[test]

@@ -74,9 +74,10 @@ impl Text<'_> {
             ),
         };
         format!(
-            "agents:\n  mine:\n    program:\n{}{run}{interpreter}{}{}{}{}",
+            "agents:\n  mine:\n    program:\n{}{run}{interpreter}{}{}{}{}{}",
             self.about_words(),
             self.parameters(),
+            self.variables(),
             self.files(),
             self.reads(),
             self.metrics(),
@@ -134,6 +135,18 @@ impl Text<'_> {
             text += &comment("      ", &others, "");
         }
         text
+    }
+
+    fn variables(&self) -> String {
+        let entry = |(name, value): (&String, &String)| format!("{}: {}", quoted(name), quoted(value));
+        let entries: Vec<String> = self.0.variables.iter().map(entry).collect();
+        match entries.is_empty() {
+            true => String::new(),
+            false => format!(
+                "      # Of the program's environment; no sweep changes them.\n      variables: {{ {} }}\n",
+                entries.join(", ")
+            ),
+        }
     }
 
     fn files(&self) -> String {
@@ -248,7 +261,7 @@ impl Text<'_> {
         } else {
             ""
         };
-        let (settings, method) = settled(search, keys);
+        let (settings, method) = (self.0.sweep.settings, search.method);
         format!(
             "# The best setting is measured on the seeds of the study, which the search has not seen.\ntune:\n  tuned:\n    \
              over:\n{lines}    metric: {}\n{direction}    settings: {settings}\n    method: {method}\n\n",
@@ -271,13 +284,8 @@ impl Text<'_> {
         if seeds > 2 {
             smoke.push("seeds: 2".into());
         }
-        if let Some(search) = made
-            .sweep
-            .search
-            .as_ref()
-            .filter(|_| !made.sweep.swept.is_empty())
-        {
-            smoke.push(format!("tune.tuned.settings: {}", search.settings.min(4)));
+        if made.sweep.search.is_some() {
+            smoke.push(format!("tune.tuned.settings: {}", made.sweep.settings.min(4)));
         }
         if smoke.is_empty() {
             smoke.push(format!("protocol.steps: {}", length.smoke));
@@ -302,24 +310,6 @@ impl Text<'_> {
              programs:\n# claims:\n#   - {{ claim: mine.{metric} > other.{metric}, why: any difference counts }}\n"
         )
     }
-}
-
-/// Number of settings and method: no more settings than exist, and a method that accepts lists.
-fn settled(search: &Search, keys: &[(String, &Range)]) -> (u64, &'static str) {
-    let count = |range: &Range| match range {
-        Range::List(values) => Some(values.len() as u64),
-        _ => None,
-    };
-    let all = keys
-        .iter()
-        .map(|(_, range)| count(range))
-        .try_fold(1_u64, |all, n| Some(all.saturating_mul(n?)));
-    let has_list = keys.iter().any(|(_, range)| matches!(range, Range::List(_)));
-    let method = match search.method {
-        "{ cma_es: {} }" if has_list => "{ tree_parzen: {} }",
-        method => method,
-    };
-    (search.settings.min(all.unwrap_or(u64::MAX)), method)
 }
 
 /// Steps between two measurements.

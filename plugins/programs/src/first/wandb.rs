@@ -2,7 +2,8 @@
 
 use super::{
     error::DraftRefusal,
-    sweep::{Range, SETTINGS, Search, Sweep, as_parameter, example, integers, multiples, spelled},
+    options::{self, OptionPurpose},
+    sweep::{Range, Search, Sweep, as_parameter, example, spaced, spelled, spread},
 };
 use serde_json::{Map, Value};
 use std::path::Path;
@@ -11,6 +12,9 @@ use std::path::Path;
 const PASSED_OVER: [&str; 5] = ["name", "description", "project", "entity", "imageuri"];
 /// Keys that are read.
 const READ: [&str; 6] = ["program", "command", "method", "metric", "parameters", "run_cap"];
+
+/// The argument of a command that writes a boolean as a flag, which is there or not.
+const FLAGS: &str = "${args_no_boolean_flags}";
 
 /// Reads a sweep.
 ///
@@ -26,10 +30,26 @@ pub fn read(file: &Path, value: &Value) -> Result<Sweep, DraftRefusal> {
         ..Sweep::default()
     };
     let nothing = Map::new();
-    let mut arguments = Vec::new();
+    let (mut arguments, template) = (Vec::new(), template(value));
+    let is_grid = value["method"].as_str() == Some("grid");
     for (name, parameter) in value["parameters"].as_object().unwrap_or(&nothing) {
-        match range(name, parameter, &mut sweep.notes) {
-            Some(Range::List(values)) if values.len() == 1 => arguments.push((name, values[0].clone())),
+        if template.iter().any(|word| word == FLAGS)
+            && let Some(values) = flags(parameter)
+        {
+            match values[..] {
+                [value] => arguments.push((name, value.clone())),
+                _ => sweep.notes.push(format!(
+                    "`{name}` is swept and is a flag, which is there or not: no word of a study is, so it is left to the \
+                     program's default; two agents, one with the flag, compare them"
+                )),
+            }
+            continue;
+        }
+        match range(name, parameter, is_grid, &mut sweep.notes) {
+            Some(Range::List(values)) if values.len() == 1 => {
+                sweep.note_seed(name, &values[0]);
+                arguments.push((name, values[0].clone()));
+            }
             Some(range) => {
                 arguments.push((name, example(&range)));
                 sweep.swept.push((name.clone(), range));
@@ -37,7 +57,7 @@ pub fn read(file: &Path, value: &Value) -> Result<Sweep, DraftRefusal> {
             None => {}
         }
     }
-    let (words, prefix) = command(value, &arguments).map_err(lacks)?;
+    let (words, prefix) = command(value, &template, &arguments).map_err(lacks)?;
     sweep.words = words;
     for (option, _) in &mut sweep.swept {
         option.insert_str(0, prefix);
@@ -83,26 +103,39 @@ fn method(value: &Value, sweep: &mut Sweep) -> Result<(), String> {
         Some("bayes") => "{ tree_parzen: {} }",
         _ => return Err("its `method` is none of `grid`, `random` and `bayes`".into()),
     };
-    if cap.is_none() {
-        sweep.notes.push(format!(
-            "a sweep without `run_cap` has no end: the study tries {SETTINGS} settings"
-        ));
-    }
-    let settings = cap.unwrap_or(SETTINGS);
-    sweep.search = Some(Search { method, settings });
+    sweep.search = Some(Search {
+        method,
+        settings: cap,
+    });
     Ok(())
 }
 
+/// The words of the command with names for its parts.
+fn template(value: &Value) -> Vec<String> {
+    match value.get("command").and_then(Value::as_array) {
+        Some(words) => words.iter().map(spelled).collect(),
+        None => ["${env}", "${interpreter}", "${program}", "${args}"]
+            .map(str::to_owned)
+            .to_vec(),
+    }
+}
+
+/// The values of a parameter with a boolean among them.
+fn flags(parameter: &Value) -> Option<Vec<&Value>> {
+    let one = parameter.get("value").map(|value| vec![value]);
+    let values = one.or_else(|| Some(parameter.get("values")?.as_array()?.iter().collect()))?;
+    values.iter().any(|it| it.is_boolean()).then_some(values)
+}
+
 /// The words of the command with these arguments, and the prefix of an argument's name.
-fn command(value: &Value, arguments: &[(&String, Value)]) -> Result<(Vec<String>, &'static str), String> {
-    let default = ["${env}", "${interpreter}", "${program}", "${args}"].map(Value::from);
-    let template = value
-        .get("command")
-        .and_then(Value::as_array)
-        .map_or(&default[..], Vec::as_slice);
+fn command(
+    value: &Value,
+    template: &[String],
+    arguments: &[(&String, Value)],
+) -> Result<(Vec<String>, &'static str), String> {
     let (mut words, mut prefix) = (Vec::new(), "--");
     for word in template {
-        match spelled(word).as_str() {
+        match word.as_str() {
             "${env}" => {}
             "${interpreter}" => words.push("python".into()),
             "${program}" => {
@@ -113,28 +146,35 @@ fn command(value: &Value, arguments: &[(&String, Value)]) -> Result<(Vec<String>
                         .to_owned(),
                 );
             }
-            args @ ("${args}" | "${args_no_boolean_flags}" | "${args_no_hyphens}") => {
+            args @ ("${args}" | FLAGS | "${args_no_hyphens}") => {
                 prefix = if args == "${args_no_hyphens}" { "" } else { "--" };
-                words.extend(
-                    arguments
-                        .iter()
-                        .map(|(name, value)| format!("{prefix}{name}={}", spelled(value))),
-                );
+                let word = |(name, value): &(&String, Value)| match value {
+                    Value::Bool(is_there) if args == FLAGS => is_there.then(|| format!("--{name}")),
+                    value => Some(format!("{prefix}{name}={}", spelled(value))),
+                };
+                words.extend(arguments.iter().filter_map(word));
             }
-            other if other.contains("${") => {
-                return Err(format!(
-                    "`{other}` in its `command` has no counterpart: write the command with `{{parameters}}`, the path of a \
-                     JSON file with all of them, into a study by hand"
-                ));
-            }
+            other if other.contains("${") => return Err(without_counterpart(other)),
             other => words.push(other.to_owned()),
         }
     }
     Ok((words, prefix))
 }
 
+/// The reason why a word of the command is refused, with a remedy.
+fn without_counterpart(word: &str) -> String {
+    let remedy = if word.contains("${args") {
+        "write the command with `{parameters}`, the path of a JSON file with all of them, into a study by hand"
+    } else if word.contains("${envvar:") {
+        "write its value, or let the program read the variable, by `inherit` of the study"
+    } else {
+        "write its value"
+    };
+    format!("`{word}` in its `command` has no counterpart: {remedy}")
+}
+
 /// The values of a parameter; `None` where a study has no counterpart.
-fn range(name: &str, parameter: &Value, notes: &mut Vec<String>) -> Option<Range> {
+fn range(name: &str, parameter: &Value, is_grid: bool, notes: &mut Vec<String>) -> Option<Range> {
     if let Some(value) = parameter.get("value") {
         return Some(Range::List(vec![as_parameter(value)]));
     }
@@ -146,7 +186,7 @@ fn range(name: &str, parameter: &Value, notes: &mut Vec<String>) -> Option<Range
         }
         return Some(Range::List(values.iter().map(as_parameter).collect()));
     }
-    let range = numbers(name, parameter, notes);
+    let range = numbers(name, parameter, is_grid, notes);
     if range.is_none() {
         let what = match parameter["distribution"].as_str() {
             Some(distribution) => format!("the distribution `{distribution}` of `{name}`"),
@@ -159,39 +199,63 @@ fn range(name: &str, parameter: &Value, notes: &mut Vec<String>) -> Option<Range
     range
 }
 
-fn numbers(name: &str, parameter: &Value, notes: &mut Vec<String>) -> Option<Range> {
+fn numbers(name: &str, parameter: &Value, is_grid: bool, notes: &mut Vec<String>) -> Option<Range> {
     let (min, max) = (&parameter["min"], &parameter["max"]);
     let (low, high) = (min.as_f64()?, max.as_f64()?);
-    let whole = min.as_i64().zip(max.as_i64());
+    let is_whole = min.is_i64() && max.is_i64();
     let step = parameter["q"].as_f64().unwrap_or(1.0);
-    let inferred = if whole.is_some() { "int_uniform" } else { "uniform" };
-    let distribution = parameter["distribution"].as_str().unwrap_or(inferred);
-    match distribution {
+    let inferred = if is_whole { "int_uniform" } else { "uniform" };
+    match parameter["distribution"].as_str().unwrap_or(inferred) {
         "uniform" => Some(Range::Uniform(low, high)),
         "log_uniform_values" if low > 0.0 => Some(Range::LogUniform(low, high)),
         "log_uniform" => Some(Range::LogUniform(low.exp(), high.exp())),
         "int_uniform" => {
-            let (low, high) = whole?;
-            let range = integers(low, high);
-            if let Range::List(values) = &range
-                && i64::try_from(values.len()).is_ok_and(|n| n <= high.saturating_sub(low))
-            {
-                let n = values.len();
-                notes.push(format!(
-                    "of the whole numbers of `{name}` {n} are listed, evenly spread"
-                ));
-            }
-            Some(range)
+            let is_whole = low.fract() == 0.0 && high.fract() == 0.0;
+            is_whole.then(|| listed(name, (0.0, 1.0), (whole(low), whole(high)), notes))?
         }
-        "q_uniform" => multiples(low, high, step),
-        "q_log_uniform_values" => {
+        // The values of a grid begin at the lower limit, and end before the upper one.
+        "q_uniform" if is_grid && step > 0.0 => {
+            let last = whole(((high - low) / step - 1e-9).ceil() - 1.0);
+            listed(name, (low, step), (0, last), notes)
+        }
+        "q_uniform" if step > 0.0 => listed(name, (0.0, step), rounded(low, high, step), notes),
+        "q_log_uniform_values" if step > 0.0 => {
             notes.push(format!(
                 "the values of `{name}` are listed, and not spread by their logarithms"
             ));
-            multiples(low, high, step)
+            listed(name, (0.0, step), rounded(low, high, step), notes)
         }
         _ => None,
     }
+}
+
+/// The multiples of a step to which two limits are rounded, halves to even ones as NumPy does.
+fn rounded(low: f64, high: f64, step: f64) -> (i64, i64) {
+    let [low, high] = [low, high].map(|limit| whole((limit / step).round_ties_even()));
+    (low, high)
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "it is whole")]
+fn whole(number: f64) -> i64 {
+    number as i64
+}
+
+/// Evenly spaced values from `begin` on, of the first place to the last: all, or as many as may be listed.
+fn listed(
+    name: &str,
+    (begin, step): (f64, f64),
+    (first, last): (i64, i64),
+    notes: &mut Vec<String>,
+) -> Option<Range> {
+    let values: Vec<Value> = spread(first, last)
+        .map(|place| spaced(begin, place, step))
+        .collect();
+    let n = values.len();
+    let is_seed = options::kind(name) == OptionPurpose::Seed;
+    if !is_seed && i64::try_from(n).is_ok_and(|n| n <= last.saturating_sub(first)) {
+        notes.push(format!("of the values of `{name}` {n} are listed, evenly spread"));
+    }
+    (n > 0).then_some(Range::List(values))
 }
 
 #[cfg(test)]
@@ -233,7 +297,7 @@ mod tests {
         );
         let search = Search {
             method: "{ tree_parzen: {} }",
-            settings: 30,
+            settings: Some(30),
         };
         assert_eq!(
             (sweep.search, sweep.metric.as_deref()),
@@ -249,6 +313,71 @@ mod tests {
         ] {
             assert!(notes.contains(part), "{part}: {notes}");
         }
+    }
+
+    fn values(method: &str, parameter: &str) -> (Vec<Value>, String) {
+        let text = format!("program: a\nmethod: {method}\nparameters: {{ a: {{ {parameter} }} }}\n");
+        let sweep = sweep(&text).unwrap();
+        let values = match sweep.swept.first() {
+            Some((_, Range::List(values))) => values.clone(),
+            _ => Vec::new(),
+        };
+        (values, sweep.notes.join("\n"))
+    }
+
+    #[test]
+    fn quantised_values_are_multiples_as_they_are_drawn() {
+        let tens = |all: &[i64]| all.iter().map(|it| json!(it)).collect::<Vec<_>>();
+        let of = |method, parameter| values(method, parameter).0;
+        let ten = "distribution: q_uniform, min: 5, max: 45, q: 10";
+        assert_eq!(of("random", ten), tens(&[0, 10, 20, 30, 40]));
+        assert_eq!(of("grid", ten), tens(&[5, 15, 25, 35]));
+        assert_eq!(
+            of(
+                "random",
+                "distribution: q_log_uniform_values, min: 1, max: 20, q: 5"
+            ),
+            tens(&[0, 5, 10, 15, 20])
+        );
+        assert_eq!(
+            of("random", "distribution: q_uniform, min: 0.12, max: 0.31, q: 0.1"),
+            [json!(0.1), json!(0.2), json!(0.3)]
+        );
+        let whole = "distribution: int_uniform, min: 1.0, max: 3.0";
+        assert_eq!(of("random", whole), tens(&[1, 2, 3]));
+        let (many, notes) = values("random", "distribution: q_uniform, min: 0, max: 1000, q: 0.5");
+        assert!(
+            many.len() <= 64 && notes.contains("listed, evenly spread"),
+            "{notes}"
+        );
+    }
+
+    #[test]
+    fn texts_that_look_like_numbers_stay_texts() {
+        let (values, _) = values("grid", "values: [\"1.10\", \"007\", 1.10, true]");
+        assert_eq!(values, [json!("1.10"), json!("007"), json!(1.1), json!("True")]);
+    }
+
+    #[test]
+    fn booleans_are_flags_where_the_command_has_them_so() {
+        let text = |fast: &str| {
+            format!(
+                "program: a\nmethod: grid\ncommand: [\"${{program}}\", \"{FLAGS}\"]\nparameters: {{ fast: {{ {fast} }}, lr: \
+                 {{ value: 0.1 }} }}\n"
+            )
+        };
+        assert_eq!(
+            sweep(&text("value: true")).unwrap().words,
+            ["a", "--fast", "--lr=0.1"]
+        );
+        assert_eq!(sweep(&text("value: false")).unwrap().words, ["a", "--lr=0.1"]);
+        let swept = sweep(&text("values: [true, false]")).unwrap();
+        assert_eq!((swept.words.len(), swept.swept.len()), (2, 0));
+        assert!(
+            swept.notes[0].contains("`fast` is swept and is a flag"),
+            "{:?}",
+            swept.notes
+        );
     }
 
     #[test]
@@ -267,5 +396,10 @@ mod tests {
         assert!(told("method: grid\nparameters: {}\n").contains("names no `program`"));
         let json = "method: grid\nprogram: a\ncommand: [\"${args_json}\"]\nparameters: {}\n";
         assert!(told(json).contains("`${args_json}` in its `command`"));
+        let told = told(&json.replace("args_json", "envvar:HOME"));
+        assert!(
+            told.contains("by `inherit`") && !told.contains("{parameters}"),
+            "{told}"
+        );
     }
 }
