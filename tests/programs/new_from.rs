@@ -68,6 +68,33 @@ fn a_command_becomes_a_study_that_runs() {
 }
 
 #[test]
+fn the_program_runs_as_in_a_trial_and_its_help_takes_no_longer() {
+    let bench = Bench::new();
+    // It ignores `--help`, and reaches its trial as `regimen.trial()` does.
+    bench.write(
+        "a.sh",
+        "test -f \"$REGIMEN_TRIAL\" && for i in 1 2 3; do echo \"{\\\"step\\\":$i,\\\"ret\\\":$LR}\"; done > \"$REGIMEN_LOG\"\nsleep 600\n",
+    );
+    make_runnable(&bench, "a.sh");
+    let begun = std::time::Instant::now();
+    let answer = bench.run(&[
+        "new",
+        "log",
+        "--from",
+        "LR=3 env sh a.sh",
+        "--seconds",
+        "2",
+        "--yes",
+    ]);
+    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert!(begun.elapsed().as_secs() < 40, "{:?}", begun.elapsed());
+    let text = read(&bench, "log.yaml");
+    for part in ["from: log", "ret: ret", "variables: { LR: \"3\" }"] {
+        assert!(text.contains(part), "{part}:\n{text}");
+    }
+}
+
+#[test]
 fn the_sweep_of_another_tool_becomes_a_grid_or_a_search() {
     let bench = bench();
     let sweep = "program: ./train\nmethod: METHOD\nrun_cap: 3\nmetric: { name: eval_loss, goal: minimize }\ncommand: [\"${program}\", \
