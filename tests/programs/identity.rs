@@ -199,6 +199,38 @@ fn a_parameter_that_no_word_has_is_doubted() {
 }
 
 #[test]
+fn several_seeds_of_a_program_that_does_not_know_them_are_doubted() {
+    let bench = Bench::new();
+    bench.write("a.sh", "");
+    let doubted = |run: &str, more: &str, seeds: &str| {
+        let study = study_of(run, "{ return: r }", more).replace("seeds: 1", seeds);
+        bench.write("study.yaml", &study);
+        let answer = bench.run(&["check", "study.yaml"]);
+        assert_eq!(answer.code, 0, "{}", answer.err);
+        answer.err.contains("no word of it has `{seed}`")
+    };
+    assert!(doubted("[sh, a.sh]", "", "seeds: 2"));
+    assert!(!doubted("[sh, a.sh]", "", "seeds: 1"));
+    assert!(!doubted("[sh, a.sh, \"{seed}\"]", "", "seeds: 2"));
+    assert!(!doubted("[sh, a.sh]", "      resume: [\"{seed}\"]", "seeds: 2"));
+}
+
+#[test]
+fn patterns_of_sources_do_not_find_files_of_the_engine() {
+    let bench = Bench::new();
+    fs::create_dir(bench.path("lib")).unwrap();
+    bench.write("lib/a.sh", "echo step=1000 r=1\n");
+    let study = study_of("[sh, a.sh]", "{ return: r }", "").replace("[\"*.sh\"]", "[\"**/*\"]");
+    bench.write("lib/study.yaml", &study);
+    let places = ["--store", "lib/kept", "-o", "lib/out/one"];
+    let run = || bench.run(&[&["run", "lib/study.yaml", "-j", "1", "--yes"], &places[..]].concat());
+    let first = run();
+    assert_eq!(first.code, 0, "{}", first.err);
+    let again = run();
+    assert!(again.err.contains("nothing runs"), "{}", again.err);
+}
+
+#[test]
 fn a_parameter_is_a_key_of_its_agent() {
     let bench = bench();
     let swept = study("1.0")

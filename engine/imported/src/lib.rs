@@ -15,6 +15,7 @@ mod event_files;
 mod found;
 mod group;
 mod json;
+mod made_files;
 mod mapping;
 mod pattern;
 mod reading;
@@ -27,7 +28,7 @@ mod wandb;
 pub use found::{ImportedRun, RunCollection};
 pub use json::{BEGINS_AGAIN, of_line};
 pub use mapping::{Copies, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step, SumOf};
-pub use pattern::{PatternError, matching};
+pub use pattern::{PatternError, matching, matching_sources};
 pub use reading::{Columns, columns, read};
 
 use analysis::results::Origin;

@@ -1,5 +1,6 @@
 //! Files by patterns, where `*` stands for any part of one name, and `**` for folders of any depth.
 
+use crate::made_files::is_made;
 use contract::Error;
 use document::reach::{Outside, Reach};
 use execution::{store::names, world::fs};
@@ -30,6 +31,27 @@ pub enum PatternError {
 /// # Errors
 /// [`PatternError`].
 pub fn matching(reach: &Reach, folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, PatternError> {
+    found(reach, folder, pattern, |_| false)
+}
+
+/// Like [`matching`], for the sources of a program: a pattern enters no store, no folder of results, no virtual
+/// environment and no `__pycache__`. A name without a star may lead there.
+///
+/// # Errors
+/// [`PatternError`].
+pub fn matching_sources(reach: &Reach, folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, PatternError> {
+    match pattern.contains('*') {
+        true => found(reach, folder, pattern, is_made),
+        false => matching(reach, folder, pattern),
+    }
+}
+
+fn found(
+    reach: &Reach,
+    folder: &Path,
+    pattern: &str,
+    skips: fn(&Path) -> bool,
+) -> Result<Vec<PathBuf>, PatternError> {
     // Nothing is listed until the path before the first star is known to be allowed.
     let fixed = pattern.split('*').next().unwrap_or_default();
     let fixed = fixed.rsplit_once('/').map_or(".", |(folder, _)| folder);
@@ -40,6 +62,7 @@ pub fn matching(reach: &Reach, folder: &Path, pattern: &str) -> Result<Vec<PathB
     }
     let found = FolderWalk {
         pattern,
+        skips,
         looked_at: 0,
     }
     .files(folder)?;
@@ -58,6 +81,8 @@ pub fn matching(reach: &Reach, folder: &Path, pattern: &str) -> Result<Vec<PathB
 /// A walk through the folders that a pattern names.
 struct FolderWalk<'a> {
     pattern: &'a str,
+    /// Whether a folder below the first one is not entered.
+    skips: fn(&Path) -> bool,
     looked_at: usize,
 }
 
@@ -66,9 +91,11 @@ impl FolderWalk<'_> {
         let mut found = vec![folder.to_owned()];
         for part in Path::new(self.pattern).components() {
             let name = part.as_os_str().to_string_lossy().into_owned();
-            let is_pattern = matches!(part, Component::Normal(_)) && name.contains('*');
+            let is_name = matches!(part, Component::Normal(_));
+            let is_pattern = is_name && name.contains('*');
             if !is_pattern {
                 found.iter_mut().for_each(|path| path.push(&name));
+                found.retain(|path| !is_name || !(self.skips)(path));
             } else if name == "**" {
                 let mut below = Vec::new();
                 for path in found {
@@ -97,7 +124,8 @@ impl FolderWalk<'_> {
         let entries = self.entries(&path)?;
         for entry in entries.into_iter().filter(|entry| !entry.starts_with('.')) {
             let below = path.join(entry);
-            if deepest > 0 && fs::symlink_metadata(&below).is_ok_and(|data| data.is_dir()) {
+            let is_folder = || fs::symlink_metadata(&below).is_ok_and(|data| data.is_dir());
+            if deepest > 0 && is_folder() && !(self.skips)(&below) {
                 self.with_folders(below, deepest - 1, found)?;
             }
         }
@@ -119,6 +147,7 @@ impl FolderWalk<'_> {
                 .filter(|entry| !hidden(entry) && parts(part, entry).is_some());
             below.extend(entries.map(|entry| path.join(entry)));
         }
+        below.retain(|path| !(self.skips)(path));
         Ok(below)
     }
 
@@ -200,6 +229,50 @@ mod tests {
         assert_eq!(found("a/**/x.csv"), ["a/b/c/x.csv", "a/x.csv"]);
         assert_eq!(found("**/**/x.csv"), ["a/b/c/x.csv", "a/x.csv"]);
         assert_eq!(found("**"), [""; 0], "a folder is no file");
+    }
+
+    #[test]
+    fn sources_are_not_sought_among_made_files_unless_one_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| {
+            let path = dir.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        };
+        let trial = "kept/trials/ab/ab345678901234567890123456789012/running/work";
+        let made = [
+            "__pycache__/a.py",
+            "env/lib/a.py",
+            "out/s/a.py",
+            &format!("{trial}/a.py"),
+        ];
+        for name in ["a.py", "lib/a.py", "lib/trials/a.py"].iter().chain(&made) {
+            write(name, "");
+        }
+        write("env/pyvenv.cfg", "");
+        write("out/index.html", "");
+        write(
+            "out/s/manifest.json",
+            r#"{ "study": "s", "spec": "../../s.yaml", "files": {} }"#,
+        );
+        write("lib/manifest.json", "{}");
+        let found = |pattern: &str| -> Vec<String> {
+            let found = matching_sources(&Reach::of(dir.path()), dir.path(), pattern).unwrap();
+            let name = |path: &PathBuf| path.strip_prefix(dir.path()).unwrap().display().to_string();
+            found.iter().map(name).collect()
+        };
+        assert_eq!(found("**/*.py"), ["a.py", "lib/a.py", "lib/trials/a.py"]);
+        assert_eq!(found("*"), ["a.py"]);
+        assert_eq!(
+            found("**/*"),
+            ["a.py", "lib/a.py", "lib/manifest.json", "lib/trials/a.py"]
+        );
+        assert_eq!(found("*/*.py"), ["lib/a.py"]);
+        assert_eq!(found("./*.py").len(), 1);
+        assert_eq!(found("env/**/*.py"), [""; 0]);
+        for name in made {
+            assert_eq!(found(name), [name], "it is named");
+        }
     }
 
     #[test]

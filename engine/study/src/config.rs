@@ -8,7 +8,7 @@ use document::{
     reach::{Outside, Reach},
     schema_check::{At, Checker, View},
 };
-use imported::matching;
+use imported::matching_sources;
 use serde_json::{Value, json};
 use std::{
     collections::BTreeMap,
@@ -180,7 +180,7 @@ fn list_files(
                     MANY_FILES,
                 ));
             };
-            let found = matching(&files.reach, files.folder, pattern);
+            let found = matching_sources(&files.reach, files.folder, pattern);
             let found = found.map_err(|error| refused(error.to_string(), Outside::HELP))?;
             if found.is_empty() {
                 let help = format!(

@@ -22,7 +22,8 @@ pub struct ProgramConfig {
     pub parameters: BTreeMap<String, Value>,
     /// Files of the program, relative to the study's folder: a list of names and patterns in which `*` stands
     /// for any part of a name and `**` for folders of any depth; or `{ NAME: { file: PATH } }` with the name of
-    /// each in the working folder. No other files lie there.
+    /// each in the working folder. No other files lie there. Patterns enter no hidden folder, store, folder of results,
+    /// virtual environment or `__pycache__`.
     #[schemars(extend("x-patterns" = true))]
     pub sources: Sources,
     /// The lock file of the program's packages, such as `uv.lock`, `requirements.txt` or `Cargo.lock`; `none`

@@ -39,6 +39,7 @@ mod obstacle;
 mod owner;
 mod pack;
 mod partial;
+mod recognition;
 mod remade;
 mod repeats;
 mod running;
@@ -65,7 +66,9 @@ pub use merge::{Fate, Merge, Merged, Side};
 pub use owner::Owner;
 pub use pack::Packing;
 pub use partial::Partial;
+pub use recognition::{is_store, no_store};
 pub use running::RunningTrial;
+pub(crate) use running::work;
 pub(crate) use sealed_folder::flush_way;
 pub use seen::{Fixed, SeenVerdicts, is_record};
 pub use stored_cell::{StoredCell, Took};
@@ -437,29 +440,6 @@ impl Store {
             },
         }
     }
-}
-
-/// Folders of a store; every store that is not empty has at least one of them.
-const FOLDERS: [&str; 6] = ["trials", "packs", "owners", "looks", "submissions", "aside"];
-
-/// The reason why a folder is no store, as a phrase; `None` if it is a store, or empty. Commands that check and move
-/// files call this first.
-///
-/// # Errors
-/// [`Error::File`] if the folder cannot be read.
-pub fn no_store(root: &Path) -> Result<Option<String>, Error> {
-    if !fs::is_folder(root) {
-        return Ok(Some(format!("there is no store at `{}`", root.display())));
-    }
-    let names = names(root)?;
-    let is_one = names.is_empty() || names.iter().any(|name| FOLDERS.contains(&name.as_str()));
-    Ok((!is_one).then(|| {
-        format!(
-            "`{}` is no store: it has other files, and no folder `{}` as a store has",
-            root.display(),
-            FOLDERS.join("`, `")
-        )
-    }))
 }
 
 /// Names in a folder, in order; empty if there is no folder.

@@ -383,9 +383,14 @@ impl Keeper for RunningTrial {
     }
 }
 
+/// Folder in which an agent of a trial trains itself.
+pub(crate) fn work(folder: &Path) -> PathBuf {
+    running(folder).join(WORK)
+}
+
 /// Whether an agent that trains itself works, or worked, in a trial whose files have not been removed yet.
 pub(super) fn has_work(folder: &Path) -> bool {
-    fs::is_folder(&running(folder).join(WORK))
+    fs::is_folder(&work(folder))
 }
 
 /// Moves the last output of a trial into its folder, to be acknowledged with the trial's end; returns its hash, if
