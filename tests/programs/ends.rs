@@ -126,6 +126,28 @@ fn silence_ends_it() {
 }
 
 #[test]
+fn a_trial_at_its_limit_of_time_ends_with_its_program() {
+    let program = "trap 'sleep 1; echo ended >> ../../../../../../noted; exit 0' TERM\necho begun >> ../../../../../../noted\n\
+                   echo r=1; sleep 600 & wait\n";
+    for options in [
+        &["--retries", "0", "--seeds", "2"],
+        &["--retries", "1", "--retry-on", "timeout"][..],
+    ] {
+        let place = Place::new(program, RETURN, "");
+        let answer = place.run(&[&["--wall-time-s", "1"], options].concat());
+        assert_eq!(answer.code, 100, "{}", answer.err);
+        let noted = fs::read_to_string(place.bench.path("noted")).unwrap();
+        let noted: Vec<&str> = noted.lines().collect();
+        assert_eq!(
+            noted,
+            ["begun", "ended", "begun", "ended"],
+            "{options:?}: {}",
+            answer.err
+        );
+    }
+}
+
+#[test]
 fn nothing_outlives_a_worker_or_a_guard_that_is_killed() {
     for verb in ["trial-worker", "program-guard"] {
         let place = Place::new("echo r=1; sleep 600 & sleep 601\n", RETURN, "");

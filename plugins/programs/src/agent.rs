@@ -183,7 +183,7 @@ impl OwnTraining for ProgramAgent {
 
     fn begin(&mut self, of: &Assignment, within: &TrainingAllocation) -> Result<(), Error> {
         let place = WorkingFolder::at(&within.folder, &self.config);
-        end_leftover(&place.notes(), process::grace(&self.config));
+        end_leftover(&place.notes());
         // Measurements by calls are in no file.
         let is_asked = self.config.measured == Some(Measured::Calls);
         let has_ended = process::has_ended_well(&place.notes()) && !is_asked;

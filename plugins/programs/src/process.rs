@@ -152,7 +152,7 @@ pub fn named(words: &[String]) -> String {
 }
 
 /// Time for a program to end after the signal.
-pub fn grace(config: &ProgramConfig) -> Duration {
+fn grace(config: &ProgramConfig) -> Duration {
     Duration::try_from_secs_f64(config.stop.grace_s).unwrap_or_default()
 }
 

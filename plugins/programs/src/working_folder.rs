@@ -16,15 +16,13 @@ use crate::{
     config::{Lock, NamedFile},
 };
 use contract::{DataFile, Error, own_training::Assignment};
+pub use execution::guard::NOTES;
 use serde_json::json;
 use std::{
     collections::BTreeMap,
     fs, io,
     path::{Path, PathBuf},
 };
-
-/// Folder of the engine's own files.
-pub const NOTES: &str = ".regimen";
 
 /// The Python module through which a program reaches its trial; the package `regimen` has the same module.
 const MODULE: &str = include_str!("../../wheel/regimen/_trial.py");

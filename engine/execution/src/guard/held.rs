@@ -101,7 +101,7 @@ impl Guarded {
         if let Some(left) = last_ending(&self.order.notes) {
             return left;
         }
-        end_leftover(&self.order.notes, Duration::ZERO);
+        kill_leftover(&self.order.notes);
         use std::os::unix::process::ExitStatusExt as _;
         Left::Unguarded(status.and_then(|status| status.signal()))
     }
@@ -143,25 +143,22 @@ pub fn last_ending(notes: &Path) -> Option<Left> {
     (place == here()).then_some(Left::Ended { how, was_asked })
 }
 
-/// Ends every process that an earlier worker of this machine started with these notes: waits as long as the guard may
-/// take, then kills.
-pub fn end_leftover(notes: &Path, grace: Duration) {
-    let Some(ProgramNote {
-        place,
-        guard,
-        program,
-    }) = read(&standing(notes))
-    else {
-        return;
-    };
-    if place != here() {
-        return;
-    }
-    let lives = |(pid, since): (u32, u64)| process::look(pid) == ProcessState::Started(since);
-    let begun = clock::now();
-    while (lives(guard) || lives(program)) && !grace.is_zero() && clock::since(begun) < grace + LATE {
+/// Waits for the end of a program that an earlier worker of this machine started with these notes, as long as its guard
+/// may take, and then kills what is left of it.
+pub fn end_leftover(notes: &Path) {
+    let Some(left) = left_here(notes) else { return };
+    let (begun, longest) = (clock::now(), Duration::from_millis(left.grace_ms) + LATE);
+    while (lives(left.guard) || lives(left.program)) && clock::since(begun) < longest {
         clock::sleep(LOOK);
     }
+    kill_leftover(notes);
+}
+
+/// Kills every process that an earlier worker of this machine started with these notes.
+fn kill_leftover(notes: &Path) {
+    let Some(ProgramNote { guard, program, .. }) = left_here(notes) else {
+        return;
+    };
     if lives(guard) {
         process::signal_group(guard.0, Signal::Kill);
     }
@@ -170,4 +167,13 @@ pub fn end_leftover(notes: &Path, grace: Duration) {
         process::signal_group(program.0, Signal::Kill);
     }
     let _ = fs::remove_file(standing(notes));
+}
+
+/// The note of a program that was started on this machine since it booted.
+fn left_here(notes: &Path) -> Option<ProgramNote> {
+    read(&standing(notes)).filter(|note: &ProgramNote| note.place == here())
+}
+
+fn lives((pid, since): (u32, u64)) -> bool {
+    process::look(pid) == ProcessState::Started(since)
 }

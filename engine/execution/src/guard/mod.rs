@@ -15,6 +15,9 @@ mod held;
 
 pub use held::{Guarded, Left, end_leftover, last_ending};
 
+/// Name of the folder of the guard's own files in the folder of its program.
+pub const NOTES: &str = ".regimen";
+
 use crate::{
     footprint,
     world::{
@@ -81,13 +84,16 @@ impl StopSignal {
     }
 }
 
-/// The note of a program before it begins: the process ids of its guard and itself, each with its start time, and the
-/// machine and boot for which they are valid. Its program is therefore known before a guard can be killed.
+/// The note of a program before it begins: the process ids of its guard and itself, each with its start time, the
+/// machine and boot for which they are valid, and the program's grace. Its program is therefore known before a guard
+/// can be killed.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct ProgramNote {
     place: [String; 2],
     guard: (u32, u64),
     program: (u32, u64),
+    #[serde(default)]
+    grace_ms: u64,
 }
 
 /// The note of a program's end, with the machine and boot on which it ended.
@@ -133,9 +139,9 @@ pub fn serve_if_asked() -> Option<ExitCode> {
     }
 }
 
-/// Replaces this process by the program: `parent, notes, program, arguments`.
+/// Replaces this process by the program: `parent, notes, grace, program, arguments`.
 fn become_program(words: &[String]) -> ExitCode {
-    let [parent, notes, program, arguments @ ..] = words else {
+    let [parent, notes, grace_ms, program, arguments @ ..] = words else {
         return ExitCode::from(UNSTARTED);
     };
     // A program whose guard is gone must not begin.
@@ -143,8 +149,8 @@ fn become_program(words: &[String]) -> ExitCode {
     let Some(parent) = parent.filter(|&parent| process::die_with(parent).unwrap_or(false)) else {
         return ExitCode::from(UNSTARTED);
     };
-    let notes = Path::new(notes);
-    let problem = match note_standing(notes, parent) {
+    let (notes, grace_ms) = (Path::new(notes), grace_ms.parse().unwrap_or(0));
+    let problem = match note_standing(notes, parent, grace_ms) {
         Ok(()) => Command::new(program).args(arguments).exec(),
         Err(problem) => problem,
     };
@@ -206,6 +212,7 @@ fn start(order: &Order) -> std::io::Result<u32> {
         .arg(VERBS[1])
         .arg(process::id().to_string())
         .arg(&order.notes)
+        .arg(order.grace_ms.to_string())
         .args(&order.words)
         .current_dir(&order.folder)
         .stdin(Stdio::null())
@@ -214,7 +221,7 @@ fn start(order: &Order) -> std::io::Result<u32> {
 }
 
 /// Writes the note of this process, which becomes the program of a guard.
-fn note_standing(notes: &Path, guard: u32) -> std::io::Result<()> {
+fn note_standing(notes: &Path, guard: u32, grace_ms: u64) -> std::io::Result<()> {
     let since = |pid| match process::look(pid) {
         ProcessState::Started(ticks) => ticks,
         ProcessState::Gone | ProcessState::Hidden => 0,
@@ -224,6 +231,7 @@ fn note_standing(notes: &Path, guard: u32) -> std::io::Result<()> {
         place: here(),
         guard: (guard, since(guard)),
         program: (own, since(own)),
+        grace_ms,
     };
     write(&self::standing(notes), &standing)
 }

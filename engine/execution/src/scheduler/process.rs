@@ -8,7 +8,9 @@ use super::{
 use crate::{
     device,
     footprint::{exceeded, family},
+    guard,
     limits::Limits,
+    store::{Store, work},
     world::{
         clock,
         process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Signal, Stdio, end_group, signal},
@@ -53,6 +55,8 @@ impl Runner for Worker<'_> {
         limits: &Arc<Limits>,
         progress: &mut dyn FnMut(u64, u64),
     ) -> Result<RequestOutcome, Error> {
+        let place = work(&Store::at(&request.store).folder(&request.trial.id));
+        let notes = place.join(guard::NOTES);
         let message = serde_json::to_string(&Message::Run(Box::new(request)));
         let message = message.map_err(|source| Error::Worker {
             problem: source.to_string(),
@@ -61,10 +65,14 @@ impl Runner for Worker<'_> {
             Some(replies) => replies,
             None => self.process.start(&mut worker(self.program, self.device), None)?,
         };
+        // An earlier run may have been killed. The wait for its program does not count towards the limits.
+        guard::end_leftover(&notes);
         self.process.begin(&message, limits);
         let Some(reply) = listen(&mut replies, progress) else {
             let (status, exceeded) = self.process.bury();
             let by_limit = exceeded.is_some();
+            // A program outlives its worker by its grace at most; the trial ends with it.
+            guard::end_leftover(&notes);
             if is_stop(status) {
                 // A signal that stops all processes of a run also reaches the scheduling one, which decides what
                 // follows.
