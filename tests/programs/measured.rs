@@ -97,6 +97,32 @@ fn a_program_that_acts_by_a_constant_has_the_bits_of_a_constant_agent() {
     assert_eq!(said.len(), 2 * 3, "what it says itself stands beside: {said:?}");
 }
 
+#[test]
+fn a_number_that_a_program_reports_is_not_paired_with_a_measurement() {
+    let bench = Bench::new();
+    bench.write("a.sh", "echo step=100 r=$1\n");
+    let program =
+        "      run: [sh, a.sh, \"{seed}\"]\n      sources: [a.sh]\n      metrics: { own_return: r }";
+    let claim = "claim: mine.own_return > still.return";
+    let study = study(program).replace("claim: mine.return > still.return", claim);
+    bench.write(
+        "study.yaml",
+        &study
+            .replace("seeds: 2", "seeds: 3")
+            .replace("value: return", "value: own_return"),
+    );
+    ended_well(&bench);
+    let report = || fs::read_to_string(bench.path("results/both/report.md")).unwrap();
+    let first = report();
+    assert!(
+        first.contains("n = 3 seeds") && !first.contains("3 pairs"),
+        "{first}"
+    );
+    fs::remove_dir_all(bench.path("store")).unwrap();
+    bench.ok(&["report", "study.yaml", "--recorded"]);
+    assert!(report().contains("n = 3 seeds"), "{}", report());
+}
+
 /// Observations of the first two training environments of agents of the engine, when they begin and after a step.
 fn observed(seed: u64) -> Vec<f64> {
     let registry = plugins::registry();

@@ -11,6 +11,9 @@ use std::{collections::BTreeMap, path::PathBuf, time::Duration};
 /// search or override can change it.
 pub const MEASURED: &str = "measured";
 
+/// The key of an agent that trains itself for the metrics that it reports, by name.
+pub const REPORTED: &str = "metrics";
+
 /// Ways in which the protocol measures an agent that trains itself, on the same episodes as agents that the protocol
 /// trains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]

@@ -1,6 +1,7 @@
 //! A trial with its record.
 
 use crate::{
+    own_training::REPORTED,
     recorder::{self, Phase, Row},
     standard_metrics::{
         OWN_STEPS, SUCCESS, TIME_PER_DECISION, TIME_PER_UPDATE, UPDATES, WALL_TIME, root_of_squares,
@@ -70,6 +71,16 @@ impl TrialResult {
     #[must_use]
     pub fn trains(&self) -> bool {
         self.updates().is_some() || self.select(Phase::Final, OWN_STEPS).next().is_some()
+    }
+
+    /// Whether the values of a metric are those that a program reported of itself, and not measurements on the episodes
+    /// of other agents.
+    #[must_use]
+    pub fn reports(&self, metric: &str) -> bool {
+        let agent = self.trial.key.agent.agent();
+        let reported = agent.and_then(|part| part.config.get(REPORTED));
+        let trains_itself = || self.select(Phase::Final, OWN_STEPS).next().is_some();
+        reported.is_some_and(|metrics| metrics.get(metric).is_some()) && trains_itself()
     }
 
     /// Whether the trial was a success; `None` if the study does not define success, or if nothing was recorded.

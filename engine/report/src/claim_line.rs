@@ -2,7 +2,7 @@
 
 use super::{floors, notes::with_agents, rounds::RoundVerdict, study_info::StudyInfo};
 use analysis::{
-    claim::{self, Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, evaluate},
+    claim::{self, Aggregate, Claim, ClaimOutcome, ClaimVerdict, NumberOrigin, Operand, evaluate},
     cross_play::Encounters,
     results::{Programs, Results},
     training_share::{self, trained},
@@ -313,9 +313,21 @@ fn held_in<'r>(
         Some(_) => in_play(results, operand, limit),
         None => values(scope, operand, setting),
     };
-    let imported = |operand: &Operand| results.imported.iter().any(|origin| origin.name == operand.agent);
+    let origin = |operand: &Operand| {
+        let reports = |trial: &&TrialResult| trial.reports(&operand.metric);
+        if results.imported.iter().any(|origin| origin.name == operand.agent) {
+            NumberOrigin::Imported
+        } else if trials_behind(scope, results, operand, setting)
+            .iter()
+            .any(reports)
+        {
+            NumberOrigin::Reported
+        } else {
+            NumberOrigin::Measured
+        }
+    };
     let min_effect = spec.min_effect.or_else(|| margin(claim, study, &found));
-    let mut verdict = hold(claim, (spec, min_effect), &trials, &looks, &found, &imported);
+    let mut verdict = hold(claim, (spec, min_effect), &trials, &looks, &found, &origin);
     let trained = trained(&trials, results);
     if verdict.verdict.is_judged() && !floors::are_passed(claim, study, &trained, &found) {
         verdict = ClaimVerdict {
@@ -370,9 +382,9 @@ fn hold(
     trials: &[&TrialResult],
     looks: &Seeds,
     values: &dyn Fn(&Operand, u64) -> Option<Vec<(u64, f64)>>,
-    imported: &dyn Fn(&Operand) -> bool,
+    origin: &dyn Fn(&Operand) -> NumberOrigin,
 ) -> ClaimVerdict {
-    let verdict = evaluate(claim, min_effect, values, imported, looks);
+    let verdict = evaluate(claim, min_effect, values, origin, looks);
     let untrained: BTreeSet<&str> = trials
         .iter()
         .filter(|trial| trial.updates() == Some(0.0))

@@ -5,7 +5,7 @@
 //! of the difference.
 
 use super::StudyInfo;
-use analysis::claim::{Claim, ClaimOutcome, Operand, Quantity, Relation, evaluate};
+use analysis::claim::{Claim, ClaimOutcome, NumberOrigin, Operand, Quantity, Relation, evaluate};
 use contract::Better;
 use statistics::Seeds;
 use std::collections::BTreeSet;
@@ -73,7 +73,13 @@ fn passes(agent: &Operand, relation: Relation, floors: &[String], values: Values
             right: side(of_floor),
             environment: None,
         };
-        let verdict = evaluate(&claim, None, values, &|_| false, &Seeds::default());
+        let verdict = evaluate(
+            &claim,
+            None,
+            values,
+            &|_| NumberOrigin::Measured,
+            &Seeds::default(),
+        );
         verdict.verdict == ClaimOutcome::Supported
     })
 }

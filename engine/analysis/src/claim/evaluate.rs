@@ -9,6 +9,7 @@
 //! | two shares of successes                     | exact bounds of both shares, not paired              |
 //!
 //! If a side has fewer than three seeds and all of them are common, they are paired too, although they rarely decide.
+//! Numbers that a program reports of itself are not paired with measurements of the engine: they are of other episodes.
 //!
 //! `within N %` of a metric is decided by the same two tests of the left side against both edges, `1 - N / 100`
 //! and `1 + N / 100` times the right side, whose seeds move the edges too.
@@ -204,9 +205,19 @@ impl ClaimVerdict {
     }
 }
 
+/// The origin of the numbers of an operand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NumberOrigin {
+    /// The engine measured them.
+    Measured,
+    /// A program reported them of itself.
+    Reported,
+    /// They are imported runs, to which no seed can be added.
+    Imported,
+}
+
 /// Decides `claim` by the values that `values` gives for each of its operands: one value per seed, computed from the
-/// seeds below a number; `None` if there is none. `imported` marks the operands that are imported runs, to which no
-/// seed can be added. Differences between the two sides of a direction that are smaller than `min_effect` do not
+/// seeds below a number; `None` if there is none. `origin` gives the origin of these values. Differences between the two sides of a direction that are smaller than `min_effect` do not
 /// matter.
 ///
 /// `values` must respect the claim's environment. Values that are not finite leave the claim inconclusive.
@@ -215,11 +226,11 @@ pub fn evaluate(
     claim: &Claim,
     min_effect: Option<f64>,
     values: &dyn Fn(&Operand, u64) -> Option<Vec<(u64, f64)>>,
-    imported: &dyn Fn(&Operand) -> bool,
+    origin: &dyn Fn(&Operand) -> NumberOrigin,
     seeds: &Seeds,
 ) -> ClaimVerdict {
     let sides = |limit| {
-        let side = |quantity| Side::of(quantity, &|operand| values(operand, limit), imported);
+        let side = |quantity| Side::of(quantity, &|operand| values(operand, limit), origin);
         Some((side(&claim.left)?, side(&claim.right)?))
     };
     let at = |limit: u64| {
@@ -251,8 +262,7 @@ struct NumberKind {
     is_share: bool,
     /// Whether they are whole numbers before the factor, as counts are.
     is_whole: bool,
-    /// Whether they are imported runs.
-    is_imported: bool,
+    origin: NumberOrigin,
 }
 
 impl Side {
@@ -260,7 +270,7 @@ impl Side {
     fn of(
         quantity: &Quantity,
         values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
-        imported: &dyn Fn(&Operand) -> bool,
+        origin: &dyn Fn(&Operand) -> NumberOrigin,
     ) -> Option<Self> {
         match quantity {
             Quantity::Number(number) => Some(Side::Number(*number)),
@@ -269,7 +279,7 @@ impl Side {
                 let kind = NumberKind {
                     is_share: operand.metric == SUCCESS && *factor == 1.0,
                     is_whole: values.values().all(|value| value.fract() == 0.0),
-                    is_imported: imported(operand),
+                    origin: origin(operand),
                 };
                 Some(Side::BySeed { values, kind }.times(*factor))
             }
@@ -329,8 +339,8 @@ impl Side {
         matches!(self, Side::BySeed { kind, .. } if kind.is_share)
     }
 
-    fn is_imported(&self) -> bool {
-        matches!(self, Side::BySeed { kind, .. } if kind.is_imported)
+    fn is_of(&self, origin: NumberOrigin) -> bool {
+        matches!(self, Side::BySeed { kind, .. } if kind.origin == origin)
     }
 }
 
@@ -347,6 +357,8 @@ enum ComparisonDesign {
     Paired,
     /// Two agents without enough seeds in common, or two shares.
     Unrelated,
+    /// Two agents, one of which reports its numbers itself.
+    OfOtherEpisodes,
 }
 
 /// Left minus right, as `sign * evidence + offset`.
@@ -363,7 +375,8 @@ struct SideDifference {
 
 impl SideDifference {
     fn of(left: &Side, right: &Side) -> Self {
-        let imported = [left.is_imported(), right.is_imported()];
+        let imported = [left, right].map(|side| side.is_of(NumberOrigin::Imported));
+        let reported = [left, right].map(|side| side.is_of(NumberOrigin::Reported));
         let minus = |values: &BTreeMap<u64, f64>, number: f64, sign: f64| {
             let differences: Vec<f64> = values.values().map(|value| sign * (value - number)).collect();
             Self::differences(&differences, ComparisonDesign::OneSample, imported)
@@ -379,6 +392,14 @@ impl SideDifference {
                 if left.is_share() && right.is_share() =>
             {
                 Self::unpaired(Evidence::Shares(successes(values), successes(others)), None)
+            }
+            (Side::BySeed { values, .. }, Side::BySeed { values: others, .. })
+                if reported[0] != reported[1] =>
+            {
+                Self {
+                    design: ComparisonDesign::OfOtherEpisodes,
+                    ..Self::unrelated(values, others, imported)
+                }
             }
             (Side::BySeed { values, .. }, Side::BySeed { values: others, .. }) => {
                 Self::two_samples(values, others, imported)
@@ -424,6 +445,10 @@ impl SideDifference {
         if common.len() >= FEWEST_SEEDS.min(left.len()).min(right.len()) {
             return Self::differences(&common, ComparisonDesign::Paired, imported);
         }
+        Self::unrelated(left, right, imported)
+    }
+
+    fn unrelated(left: &BTreeMap<u64, f64>, right: &BTreeMap<u64, f64>, imported: [bool; 2]) -> Self {
         let (left, right) = (values_of(left), values_of(right));
         let evidence = Evidence::Mean(MeanEstimate::difference(&left, &right).of_others(&imported));
         Self::unpaired(evidence, Some(two_sample_permutation_test(&left, &right)))
@@ -580,8 +605,16 @@ fn notes(compared: &SideDifference) -> Vec<String> {
         compared.evidence,
         Evidence::Mean(_) | Evidence::BetweenMeans { .. }
     );
-    let unrelated = (compared.design == ComparisonDesign::Unrelated && is_mean)
-        .then(|| format!("fewer than {FEWEST_SEEDS} seeds in common: compared as unrelated samples"));
+    let unrelated = match compared.design {
+        ComparisonDesign::Unrelated if is_mean => Some(format!(
+            "fewer than {FEWEST_SEEDS} seeds in common: compared as unrelated samples"
+        )),
+        ComparisonDesign::OfOtherEpisodes => Some(
+            "one side is reported by a program and not measured on the same episodes: compared as unrelated samples"
+                .to_owned(),
+        ),
+        _ => None,
+    };
     let no_spread = compared
         .has_no_spread
         .then(|| "the seeds make no difference".to_owned());

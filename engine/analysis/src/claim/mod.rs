@@ -23,7 +23,7 @@ mod evaluate;
 pub mod forms;
 mod parse;
 
-pub use evaluate::{ClaimOutcome, ClaimVerdict, evaluate};
+pub use evaluate::{ClaimOutcome, ClaimVerdict, NumberOrigin, evaluate};
 pub use parse::{is_name_character, parse};
 
 use contract::{

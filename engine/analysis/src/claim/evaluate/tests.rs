@@ -17,7 +17,7 @@ fn outcome(text: &str, (first_a, a): (u64, &[f64]), (first_b, b): (u64, &[f64]))
             };
             Some((first..).zip(values.iter().copied()).collect())
         },
-        &|_| false,
+        &|_| NumberOrigin::Measured,
         &Seeds::default(),
     )
 }
@@ -74,7 +74,7 @@ fn what_differs_too_little_to_matter_is_equivalent() {
             &parse(text).unwrap(),
             min_effect,
             &values,
-            &|_| false,
+            &|_| NumberOrigin::Measured,
             &Seeds::default(),
         )
     };
@@ -219,7 +219,7 @@ fn no_seed_is_asked_for_that_cannot_be_added() {
     let own = [10.1, 10.3, 10.2, 10.0, 10.4];
     let others = [1.0, 5.0, 9.0];
     let claim = parse("a.x > b.x").unwrap();
-    let held = |imported: &dyn Fn(&Operand) -> bool| {
+    let held = |origin: &dyn Fn(&Operand) -> NumberOrigin| {
         let values = |operand: &Operand| -> Vec<(u64, f64)> {
             if operand.agent == "a" {
                 (0..).zip(own).collect()
@@ -227,21 +227,56 @@ fn no_seed_is_asked_for_that_cannot_be_added() {
                 (50..).zip(others).collect()
             }
         };
-        evaluate(
-            &claim,
-            None,
-            &|it, _| Some(values(it)),
-            imported,
-            &Seeds::default(),
-        )
+        evaluate(&claim, None, &|it, _| Some(values(it)), origin, &Seeds::default())
     };
-    let (grown, fixed) = (held(&|_| false), held(&|it| it.agent == "b"));
+    let imported = |it: &Operand| match it.agent.as_str() {
+        "b" => NumberOrigin::Imported,
+        _ => NumberOrigin::Measured,
+    };
+    let (grown, fixed) = (held(&|_| NumberOrigin::Measured), held(&imported));
     assert_eq!((grown.interval, grown.n), (fixed.interval, fixed.n));
     assert_eq!(
         (grown.verdict, fixed.verdict),
         (ClaimOutcome::Inconclusive, ClaimOutcome::Inconclusive)
     );
     assert!(grown.more_seeds.is_some() && fixed.more_seeds.is_none());
+}
+
+/// Equal seeds do not mean equal episodes if one side is reported by a program; two programs are paired.
+#[test]
+fn reported_numbers_are_not_paired_with_measurements() {
+    let (a, b) = ([11.0, 22.0, 33.0], [10.0, 20.0, 30.0]);
+    let claim = parse("a.own > b.x").unwrap();
+    let held = |reported: &[&str]| {
+        let values = |operand: &Operand| (0..).zip(if operand.agent == "a" { a } else { b }).collect();
+        let origin = |operand: &Operand| match reported.contains(&operand.agent.as_str()) {
+            true => NumberOrigin::Reported,
+            false => NumberOrigin::Measured,
+        };
+        evaluate(
+            &claim,
+            None,
+            &|it, _| Some(values(it)),
+            &origin,
+            &Seeds::default(),
+        )
+    };
+    for reported in [&["a"], &["b"]] {
+        let verdict = held(reported);
+        let welch = MeanEstimate::difference(&a, &b).interval(0.95);
+        assert_eq!(
+            (verdict.paired, verdict.size()),
+            (false, "n = 3 seeds".to_owned())
+        );
+        assert_eq!(verdict.interval, welch);
+        assert_eq!(verdict.permutation, Some(two_sample_permutation_test(&a, &b)));
+        assert!(
+            verdict.notes[0].starts_with("one side is reported by a program"),
+            "{:?}",
+            verdict.notes
+        );
+    }
+    assert!(held(&[]).paired && held(&["a", "b"]).paired);
 }
 
 #[test]
@@ -263,7 +298,7 @@ fn the_order_and_the_episodes_of_seeds_do_not_matter() {
                 vec![(0, 1.0), (1, 1.5), (2, 1.0)]
             })
         },
-        &|_| false,
+        &|_| NumberOrigin::Measured,
         &Seeds::default(),
     );
     let other = evaluate(
@@ -276,7 +311,7 @@ fn the_order_and_the_episodes_of_seeds_do_not_matter() {
                 vec![(1, 1.5), (2, 1.0), (0, 1.0)]
             })
         },
-        &|_| false,
+        &|_| NumberOrigin::Measured,
         &Seeds::default(),
     );
     assert_eq!(one, other);
@@ -296,7 +331,7 @@ fn shares_of_successes_are_no_means() {
             &parse(text).unwrap(),
             None,
             &|operand, _| Some(seeds(operand)),
-            &|_| false,
+            &|_| NumberOrigin::Measured,
             &Seeds::default(),
         )
     };
@@ -326,7 +361,13 @@ fn a_design_says_how_many_seeds_would_decide_after_its_last_look() {
             rounds: 0,
         };
         let of = |_: &Operand, _| Some((0..).zip(values).collect());
-        evaluate(&parse("a.x > 0").unwrap(), None, &of, &|_| false, &seeds)
+        evaluate(
+            &parse("a.x > 0").unwrap(),
+            None,
+            &of,
+            &|_| NumberOrigin::Measured,
+            &seeds,
+        )
     };
     let [first, last] = [1, 2].map(at);
     assert_eq!([first.verdict, last.verdict], [ClaimOutcome::Inconclusive; 2]);
@@ -348,7 +389,7 @@ fn planned_looks_stop_at_the_first_decision() {
             &parse("a.x > 0").unwrap(),
             None,
             &|_, _| Some((first..).zip(values).collect()),
-            &|_| false,
+            &|_| NumberOrigin::Measured,
             &seeds,
         )
     };
