@@ -69,6 +69,15 @@ fn a_program_that_fails_or_is_too_slow_is_named_with_the_reason() {
     until("nothing is left of it", || slow.processes().is_empty());
 }
 
+#[test]
+fn a_program_whose_numbers_are_not_finite_is_not_rehearsed() {
+    let program = "echo '{\"step\": 200, \"r\": NaN}'\n";
+    let answer = rehearse(&Place::new(program, "{ return: r }", ""), &[]);
+    assert_eq!(answer.code, 100, "{}", answer.out);
+    let words = "`mine` in `task` was not rehearsed: it ended as nan: ";
+    assert!(answer.out.contains(words), "{}", answer.out);
+}
+
 /// How often the program was started.
 fn starts(place: &Place) -> usize {
     let lines = fs::read_to_string(place.bench.path("starts")).unwrap_or_default();

@@ -242,7 +242,9 @@ fn compared(one: &MetricsTable, other: &MetricsTable, trial: &Trial) -> Repeats 
 
 /// The record of a trial, or the reason why there is none.
 fn recorded(trial: &Arc<Trial>, store: &Store) -> Result<Result<MetricsTable, String>, Failure> {
-    if let Some(partial) = store.partial(&trial.id)? {
+    // A record before a number that is not finite is none of a program that works.
+    let partial = store.partial(&trial.id)?;
+    if let Some(partial) = partial.filter(|it| it.file.end.state == EndState::Paused) {
         return Ok(Ok(partial.table));
     }
     let result = store.load(trial)?;
