@@ -114,8 +114,9 @@ pub trait OwnTraining {
     /// Whether the training continues after an interruption instead of starting again.
     fn goes_on(&self) -> bool;
 
-    /// Settings that can be run but are probably not intended, each an [`Error::Config`] with its key.
-    fn doubts(&self) -> Vec<Error> {
+    /// Settings that can be run for this number of seeds but are probably not intended, each an [`Error::Config`] with
+    /// its key.
+    fn doubts(&self, _seeds: usize) -> Vec<Error> {
         Vec::new()
     }
 

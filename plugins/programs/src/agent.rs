@@ -165,20 +165,24 @@ impl OwnTraining for ProgramAgent {
         !self.resume.is_empty()
     }
 
-    fn doubts(&self) -> Vec<Error> {
+    fn doubts(&self, seeds: usize) -> Vec<Error> {
         let words = || self.run.iter().chain(&self.resume);
-        let is_used = |name: &str| {
-            words()
-                .flat_map(Word::names)
-                .any(|it| it == name || it == "parameters")
-        };
+        let has = |name: &str| words().flat_map(Word::names).any(|it| it == name);
+        let is_used = |name: &str| has(name) || has("parameters");
         let unused = self.config.parameters.keys().filter(|name| !is_used(name));
         let doubt = |name: &String| {
             let problem =
                 format!("no word of the program has `{{{name}}}`, so that its value changes nothing");
             Error::config(format!("parameters.{name}"), problem)
         };
-        unused.map(doubt).collect()
+        // The engine measures a program that calls it on other episodes for each seed.
+        let is_called = self.config.measured == Some(Measured::Calls);
+        let alike = (seeds > 1 && !has("seed") && !is_called).then(|| {
+            let problem = "no word of it has `{seed}`: every seed gives the same values, unless the program draws from \
+                           `trial.environment()`";
+            Error::config("run", problem)
+        });
+        unused.map(doubt).chain(alike).collect()
     }
 
     fn begin(&mut self, of: &Assignment, within: &TrainingAllocation) -> Result<(), Error> {

@@ -334,9 +334,10 @@ impl<'a> Builder<'a> {
         });
         begun.map_err(|error| Box::new(self.refused(agent, &error)))?;
         if self.warned.insert((agent.given.target, FROM_THE_FIRST_STEP, 0)) {
+            let seeds = vocabulary.seeds.len();
             let doubts = built
                 .own_training()
-                .map_or(Vec::new(), |training| training.doubts());
+                .map_or(Vec::new(), |training| training.doubts(seeds));
             let doubts = doubts.iter().map(|doubt| self.refused(agent, doubt).as_warning());
             vocabulary.warnings.extend(doubts);
         }
