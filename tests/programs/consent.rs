@@ -42,6 +42,16 @@ fn who_agreed_once_is_not_asked_again_for_the_same_words() {
         .bench
         .write("study.yaml", &study.replace("[sh, a.sh", "[sh, -e, a.sh"));
     assert_eq!(unasked(&place).code, 2, "other words do");
+    place.bench.write(
+        "study.yaml",
+        &study.replace("lock: none", "lock: none\n      variables: { PATH: /elsewhere }"),
+    );
+    let answer = unasked(&place);
+    assert_eq!(answer.code, 2, "other variables do");
+    let listed = "PATH=/elsewhere sh a.sh {seed} {steps}";
+    assert!(answer.err.contains(listed), "{}", answer.err);
+    let check = place.bench.ok(&["check", "study.yaml"]);
+    assert!(check.contains(listed), "{check}");
     use std::os::unix::fs::PermissionsExt as _;
     let mode = fs::metadata(place.bench.path("state/regimen/programs.json"))
         .unwrap()

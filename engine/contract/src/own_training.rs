@@ -111,6 +111,11 @@ pub trait OwnTraining {
     /// Words of the command as they are written, beginning with the program that runs here.
     fn written(&self) -> Vec<String>;
 
+    /// Environment variables that are set for the command.
+    fn variables(&self) -> BTreeMap<String, String> {
+        BTreeMap::new()
+    }
+
     /// Whether the training continues after an interruption instead of starting again.
     fn goes_on(&self) -> bool;
 

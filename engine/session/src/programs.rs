@@ -1,30 +1,40 @@
 //! The external programs that trials would start.
 
 use crate::{Failure, Planned, Session};
-use contract::{Error, Interface, Registry, part::Part, random, trial::Trial, trial_end::EndState};
+use contract::{
+    Error, Interface, OwnTraining, Registry, part::Part, random, trial::Trial, trial_end::EndState,
+};
 use document::reach::Reach;
 use execution::store::Store;
 use serde::{Deserialize, Serialize};
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 use study::plan::Plan;
 
-/// A program as consent is given to it: the words of its command, with names in braces, and its project.
+/// A program as consent is given to it: the words of its command, with names in braces, its variables, among them those
+/// by which the first word finds a program, and its project.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Program {
     /// The project's folder.
     pub folder: PathBuf,
     /// The words.
     pub run: Vec<String>,
+    /// The environment variables that the study sets.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub variables: BTreeMap<String, String>,
 }
 
 impl Program {
     /// The words as a person would type them.
     #[must_use]
     pub fn in_words(&self) -> String {
-        in_words(&self.run)
+        let set = self
+            .variables
+            .iter()
+            .map(|(name, value)| format!("{name}={value}"));
+        in_words(&set.chain(self.run.iter().cloned()).collect::<Vec<_>>())
     }
 }
 
@@ -39,8 +49,8 @@ impl Session<'_> {
 
     /// The programs that the trials of these agents would start, in words.
     pub fn programs_of<'p>(&self, parts: impl Iterator<Item = &'p Part>) -> BTreeSet<String> {
-        let words = |part: &Part| written(self.registry, part).ok().flatten();
-        parts.filter_map(words).map(|words| in_words(&words)).collect()
+        let program = |part: &Part| program(self.registry, part, Path::new("")).ok().flatten();
+        parts.filter_map(program).map(|it| it.in_words()).collect()
     }
 }
 
@@ -50,6 +60,7 @@ pub fn of_commands(commands: impl IntoIterator<Item = Vec<String>>) -> BTreeSet<
     let program = |run| Program {
         folder: folder.clone(),
         run,
+        variables: BTreeMap::new(),
     };
     commands.into_iter().map(program).collect()
 }
@@ -58,15 +69,14 @@ pub fn of_commands(commands: impl IntoIterator<Item = Vec<String>>) -> BTreeSet<
 fn missing(registry: &Registry, planned: &[Planned], store: &Store) -> Result<BTreeSet<Program>, Failure> {
     let mut programs = BTreeSet::new();
     for one in planned {
+        let folder = project(&one.path);
         for trial in &one.plan.trials {
             let Some(part) = trial.key.agent.agent() else {
                 continue;
             };
-            let Some(run) = written(registry, part)? else {
+            let Some(program) = program(registry, part, &folder)? else {
                 continue;
             };
-            let folder = project(&one.path);
-            let program = Program { folder, run };
             // A trial with a damaged end counts as missing.
             let is_there = || {
                 store
@@ -92,9 +102,7 @@ pub(crate) fn of_trials<'a>(
     let folder = project(study.map_or(Path::new(""), PathBuf::as_path));
     let mut programs = BTreeSet::new();
     for part in trials.filter_map(|trial| trial.key.agent.agent()) {
-        let run = written(registry, part)?;
-        let folder = folder.clone();
-        programs.extend(run.map(|run| Program { folder, run }));
+        programs.extend(program(registry, part, &folder)?);
     }
     Ok(programs)
 }
@@ -108,8 +116,27 @@ pub(crate) fn has_programs(registry: &Registry, plan: &Plan) -> bool {
         .any(is_program)
 }
 
-/// The command of the program behind an agent; `None` if the agent is not a program.
-fn written(registry: &Registry, part: &Part) -> Result<Option<Vec<String>>, Error> {
+/// Whether an agent is a program that begins anew after an interruption.
+pub(crate) fn begins_anew(registry: &Registry, part: &Part) -> bool {
+    let goes_on = ask(registry, part, |training| training.goes_on());
+    matches!(goes_on, Ok(Some(false)))
+}
+
+/// The program behind an agent, in the project at `folder`; `None` if the agent is not a program.
+fn program(registry: &Registry, part: &Part, folder: &Path) -> Result<Option<Program>, Error> {
+    ask(registry, part, |training| Program {
+        folder: folder.to_owned(),
+        run: training.written(),
+        variables: training.variables(),
+    })
+}
+
+/// Asks the program behind an agent, which is not started; `None` if the agent is not a program.
+fn ask<T>(
+    registry: &Registry,
+    part: &Part,
+    question: impl FnOnce(&mut dyn OwnTraining) -> T,
+) -> Result<Option<T>, Error> {
     let Some(entry) = registry.program(part) else {
         return Ok(None);
     };
@@ -118,12 +145,12 @@ fn written(registry: &Registry, part: &Part) -> Result<Option<Vec<String>>, Erro
         state: Vec::new(),
     };
     let mut agent = (entry.build)(&part.config, &nothing, &mut random::stream(&["consent"]))?;
-    Ok(agent.own_training().map(|training| training.written()))
+    Ok(agent.own_training().map(question))
 }
 
 /// The command of the program behind an agent, for messages.
 pub(crate) fn in_short(registry: &Registry, part: &Part) -> String {
-    let words = written(registry, part).ok().flatten();
+    let words = ask(registry, part, |training| training.written()).ok().flatten();
     words.map_or_else(
         || part.plugin.clone(),
         |words| in_words(&words[..words.len().min(2)]),
@@ -161,5 +188,20 @@ mod tests {
             in_words(&run),
             r#"python train.py --lr {lr} "a b" "" "$(reboot)""#
         );
+    }
+
+    #[test]
+    fn variables_are_part_of_a_program_and_stand_before_its_words() {
+        let plain = r#"{ "folder": "/lab", "run": ["python", "a.py"] }"#;
+        let plain: Program = serde_json::from_str(plain).unwrap();
+        let variables =
+            [("A", "b c"), ("PATH", "/lab/bin")].map(|(name, value)| (name.to_owned(), value.to_owned()));
+        let other = Program {
+            variables: variables.into(),
+            ..plain.clone()
+        };
+        assert_eq!(plain.in_words(), "python a.py");
+        assert_eq!(other.in_words(), r#""A=b c" PATH=/lab/bin python a.py"#);
+        assert!(plain != other);
     }
 }

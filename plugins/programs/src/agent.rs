@@ -161,6 +161,10 @@ impl OwnTraining for ProgramAgent {
         words
     }
 
+    fn variables(&self) -> BTreeMap<String, String> {
+        self.config.variables.clone()
+    }
+
     fn goes_on(&self) -> bool {
         !self.resume.is_empty()
     }

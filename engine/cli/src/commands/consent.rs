@@ -1,7 +1,7 @@
 //! External programs start only with the consent of the person who runs them.
 //!
-//! The author of a study names its programs. Consent is stored by the project's folder and the words of the command, in
-//! a file of the person, outside of every project and store, so that neither a project nor a store can grant it. The
+//! The author of a study names its programs. Consent is stored by the project's folder, the words of the command and its
+//! variables, in a file of the person, outside of every project and store, so that neither a project nor a store can grant it. The
 //! list of folders with trusted programs is such a file too.
 
 use super::complain;
