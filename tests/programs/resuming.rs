@@ -70,6 +70,36 @@ fn a_program_that_is_stopped_goes_on_where_it_was() {
 }
 
 #[test]
+fn a_run_that_is_stopped_says_which_trials_begin_anew() {
+    for (more, told) in [
+        (
+            RESUME,
+            "stopping: running trials save a checkpoint; a second Ctrl-C ends at once",
+        ),
+        (
+            "",
+            "stopping: running trials begin anew with the next run, since their programs have no `resume`; a second",
+        ),
+    ] {
+        let place = counter(more);
+        let mut command = place.bench.command(&["run", "study.yaml", "-j", "1", "--yes"]);
+        let child = command
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        until("it counts", || done(&place).len() >= 3);
+        let signalled = std::process::Command::new("kill")
+            .args(["-INT", &child.id().to_string()])
+            .status();
+        assert!(signalled.unwrap().success());
+        let said = child.wait_with_output().unwrap().stderr;
+        let said = String::from_utf8_lossy(&said);
+        assert!(said.contains(told), "{said}");
+    }
+}
+
+#[test]
 fn a_program_whose_run_is_killed_goes_on_too() {
     let place = counter(RESUME);
     let mut child = begun(&place);

@@ -26,7 +26,6 @@ pub(super) struct ProgressDisplay<'a> {
     /// Messages about missing sources; each is printed once even if several trials take from the source.
     lacking: BTreeSet<String>,
     bars: Option<Bars>,
-    stopping: bool,
 }
 
 struct Bars {
@@ -49,7 +48,6 @@ impl<'a> ProgressDisplay<'a> {
             held: BTreeSet::new(),
             lacking: BTreeSet::new(),
             bars,
-            stopping: false,
         }
     }
 
@@ -83,11 +81,8 @@ impl<'a> ProgressDisplay<'a> {
         }
     }
 
-    /// A slot has left its trial with a checkpoint, because the run is stopping.
-    fn stopped(&mut self, slot: usize) {
-        if !std::mem::replace(&mut self.stopping, true) {
-            self.print("stopping: running trials save a checkpoint; a second Ctrl-C ends at once");
-        }
+    /// A slot has left its trial, because the run is stopping.
+    fn stopped(&self, slot: usize) {
         if let Some(bar) = self.bars.as_ref().and_then(|bars| bars.slots.get(slot)) {
             bar.finish_and_clear();
         }

@@ -1,6 +1,7 @@
 //! Computes the missing trials of studies on this machine and reports events to the observer.
 
 mod prepare;
+mod stopping;
 
 pub(crate) use prepare::Ends;
 pub use prepare::failed_in_words;
@@ -28,6 +29,7 @@ use std::{
         mpsc,
     },
 };
+use stopping::Stopping;
 
 /// Settings of a computation.
 pub(crate) struct Compute<'a> {
@@ -194,11 +196,15 @@ impl Compute<'_> {
         let (events, received) = mpsc::channel();
         let mut ran = Ran::default();
         let mut follower = observer.follow(tasks, self.workers);
+        let mut stopping = Stopping::of(self.session.registry, tasks);
         let ended = std::thread::scope(|scope| {
             let workers = self.workers(&stop);
             let running = scope.spawn(move || scheduler::run(tasks, store, &workers, &events));
             received.iter().for_each(|event| {
                 ran.hear(&event);
+                if let Some(text) = stopping.hear(&event) {
+                    follower.line(&text);
+                }
                 follower.hear(&event);
             });
             running.join()
