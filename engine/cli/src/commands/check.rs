@@ -1,4 +1,4 @@
-//! `check`, `resolve`: read studies without running anything.
+//! `check`, `resolve`: read studies without running a trial.
 
 use super::{Common, Format, Studies, complain, consent::Consent, say};
 use analysis::claim;

@@ -62,10 +62,11 @@ const EXIT_CODES: &str = "Exit codes: 0 ok, 2 bad usage or spec, 3 a study canno
 
 #[derive(Debug, Subcommand)]
 enum Verb {
-    /// Check studies; nothing runs. A study whose environment this machine cannot make is reported but is no error;
-    /// exit code 3 if nothing else is wrong.
+    /// Check studies; no trial and no program runs, but environments and agents in Python are made and rehearsed. A
+    /// study whose environment this machine cannot make is reported but is no error; exit code 3 if nothing else is
+    /// wrong.
     Check(check::CheckOptions),
-    /// Show the trials of a study, which of them are done, and the estimated cost of the rest; nothing runs.
+    /// Show the trials of a study, which of them are done, and the estimated cost of the rest; no trial runs.
     Plan(Studies),
     /// Run missing trials, then write tables, figures and the report.
     Run {

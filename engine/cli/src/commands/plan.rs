@@ -1,4 +1,4 @@
-//! `plan`, `status`: facts about studies, without running anything.
+//! `plan`, `status`: facts about studies, without running a trial.
 
 use super::{
     Common, Format, Studies, cells,
