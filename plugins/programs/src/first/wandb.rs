@@ -229,10 +229,12 @@ fn numbers(name: &str, parameter: &Value, is_grid: bool, notes: &mut Vec<String>
     }
 }
 
-/// The multiples of a step to which two limits are rounded, halves to even ones as NumPy does.
+/// The first and the last multiple of a step to which numbers between two limits are rounded. A limit half way between
+/// two multiples counts for the inner one, since only the limit itself is rounded outwards.
 fn rounded(low: f64, high: f64, step: f64) -> (i64, i64) {
-    let [low, high] = [low, high].map(|limit| whole((limit / step).round_ties_even()));
-    (low, high)
+    let first = whole((low / step + 0.5).floor());
+    let last = whole((high / step - 0.5).ceil());
+    (first, last.max(first))
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "it is whole")]
@@ -330,7 +332,7 @@ mod tests {
         let tens = |all: &[i64]| all.iter().map(|it| json!(it)).collect::<Vec<_>>();
         let of = |method, parameter| values(method, parameter).0;
         let ten = "distribution: q_uniform, min: 5, max: 45, q: 10";
-        assert_eq!(of("random", ten), tens(&[0, 10, 20, 30, 40]));
+        assert_eq!(of("random", ten), tens(&[10, 20, 30, 40]));
         assert_eq!(of("grid", ten), tens(&[5, 15, 25, 35]));
         assert_eq!(
             of(
