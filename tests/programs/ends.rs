@@ -65,6 +65,19 @@ fn a_program_that_is_not_there_is_named() {
 }
 
 #[test]
+fn steps_that_go_back_are_told_in_the_words_of_the_output() {
+    ends_as(
+        "echo step=200 r=1; echo step=100 r=2\n",
+        &[],
+        "failed",
+        &[
+            "`stdout`: step 100 comes after step 200: ",
+            "its line has `r=2 step=100`",
+        ],
+    );
+}
+
+#[test]
 fn a_metric_that_never_came_is_told_with_what_did() {
     ends_as(
         "echo loss=1 lr=0.1\n",

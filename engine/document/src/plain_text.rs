@@ -61,7 +61,8 @@ pub fn message(text: &str) -> Cow<'_, str> {
 }
 
 /// The beginning of a line with this number of characters, the last one an ellipsis.
-fn cut(line: &str, longest: usize) -> Cow<'_, str> {
+#[must_use]
+pub fn cut(line: &str, longest: usize) -> Cow<'_, str> {
     match line.char_indices().nth(longest) {
         Some(_) => {
             let kept: String = line.chars().take(longest - 1).collect();

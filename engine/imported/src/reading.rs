@@ -55,6 +55,8 @@ pub struct Columns {
     pub names: Vec<String>,
     /// Whether one of the files is an event file.
     pub has_tags: bool,
+    /// Whether one of the files has a value or a row.
+    pub has_rows: bool,
     /// Whether one of the files is a log of the Monitor of Stable-Baselines3, whose steps are the sum of a column.
     pub is_monitor: bool,
 }
@@ -70,12 +72,15 @@ pub fn columns(files: &[PathBuf]) -> Result<Columns, Error> {
         let names = match file.form()? {
             LogFormat::Events => {
                 all.has_tags = true;
-                event_files::tags(&file)?
+                let tags = event_files::tags(&file)?;
+                all.has_rows |= !tags.is_empty();
+                tags
             }
             form => {
                 let table = tables::table(&file, form)?;
                 table.has_names()?;
                 all.is_monitor |= table.is_monitor();
+                all.has_rows |= !table.lines.is_empty();
                 table.names
             }
         };

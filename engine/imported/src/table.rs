@@ -3,7 +3,7 @@
 use super::{columns::MissingColumn, content::input, mapping::Mapping};
 use contract::Error;
 use csv::StringRecord;
-use document::reach::quoted;
+use document::reach::{excerpt, quoted};
 use std::path::{Path, PathBuf};
 
 /// A table that was read.
@@ -22,6 +22,8 @@ pub(super) struct LogTable {
     pub(super) is_merged: bool,
     /// Remarks on values that were changed while reading.
     pub(super) notes: Vec<String>,
+    /// Whether a program wrote it in its own trial, so that messages quote it.
+    pub(super) is_own: bool,
 }
 
 /// A line of a table.
@@ -115,7 +117,12 @@ impl LogTable {
     }
 
     fn is_no(&self, line: &LogLine, column: usize, problem: &str) -> Error {
-        let shown = quoted(&self.path, self.cell(line, column));
+        let cell = self.cell(line, column);
+        let shown = if self.is_own {
+            excerpt(cell)
+        } else {
+            quoted(&self.path, cell)
+        };
         self.wrong(line, column, &format!("`{shown}` {problem}"))
     }
 
@@ -156,7 +163,7 @@ impl LogTable {
             ));
         }
         let number = self.number(line, column)?;
-        whole(number).ok_or_else(|| self.is_no(line, column, "is no whole number from 0 on"))
+        whole(number).ok_or_else(|| self.is_no(line, column, "is no whole number from 0 to 9e15"))
     }
 
     /// Whether a column holds a value, as text or as the same number.

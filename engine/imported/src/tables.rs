@@ -27,6 +27,7 @@ pub(super) fn runs(
     let mut tables = Vec::new();
     for (place, (file, form)) in files.iter().enumerate() {
         let mut table = table(file, *form)?;
+        table.is_own = mapping.is_own;
         found.notes.append(&mut table.notes);
         tables.push((place, table));
     }

@@ -15,6 +15,7 @@ mod config;
 mod first;
 mod lines;
 mod link;
+mod metric_errors;
 mod metrics;
 mod named;
 mod output;

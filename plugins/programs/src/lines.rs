@@ -6,7 +6,7 @@
 
 use imported::of_line;
 use serde_json::{Map, Value, json};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Longest line, bytes; longer ones are ignored.
 const LONGEST: usize = 1 << 20;
@@ -82,17 +82,32 @@ pub struct Filter {
     pub numbers: bool,
     /// Count of the lines with metrics so far.
     pub counted: u64,
-    /// Other keys in the lines, for a message.
+    /// Keys in the lines, for a message.
     pub seen: BTreeSet<String>,
+    /// The first value of each metric that is no number, for a message.
+    pub no_numbers: BTreeMap<String, String>,
+}
+
+/// A key in the lines of a program's output.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SeenKey {
+    /// The key.
+    pub name: String,
+    /// A value of it that is no number.
+    pub no_number: Option<String>,
 }
 
 impl Filter {
     /// The note of a line that ends at `at` in the output; `None` where it holds no metric.
     pub fn noted(&mut self, line: &str, at: u64) -> Option<String> {
         let values = values(line)?;
-        for (key, _) in &values {
-            if self.seen.len() < MOST_KEYS && !self.seen.contains(key) {
+        for (key, value) in &values {
+            let is_declared = self.keys.contains(key);
+            if is_declared || self.seen.len() < MOST_KEYS && !self.seen.contains(key) {
                 self.seen.insert(key.clone());
+            }
+            if is_declared && !is_number(value) && !self.no_numbers.contains_key(key) {
+                self.no_numbers.insert(key.clone(), value.clone());
             }
         }
         let is_metric = |key: &str, value: &str| (self.all || self.keys.contains(key)) && is_number(value);
@@ -195,6 +210,7 @@ mod tests {
             assert_eq!(filter.noted(line, 9).as_deref(), noted, "{line}");
         }
         assert!(filter.seen.contains("lr") && filter.seen.contains("done"));
+        assert_eq!(filter.no_numbers["loss"], "later");
     }
 
     #[test]

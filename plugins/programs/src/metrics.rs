@@ -6,11 +6,13 @@
 use crate::{
     ProgramConfig,
     config::{Reading, StepText},
-    output::{LOG, STREAMS, is_noted, noted},
+    lines::SeenKey,
+    metric_errors,
+    output::{is_noted, noted},
 };
 use contract::{Error, own_training::Curve};
 use document::reach::Reach;
-use imported::{Copies, Mapping, Restart, RunCollection, RunPer, SameStep, columns, matching, read};
+use imported::{Copies, Mapping, Restart, RunPer, SameStep, matching, read};
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
@@ -121,18 +123,20 @@ impl Metrics {
         &self.curves
     }
 
-    /// All values, once the program has ended; `seen` are the keys of its output.
+    /// All values, once the program has ended; `seen` holds the keys of its output.
     ///
     /// # Errors
     /// [`Error::Input`] for a file that cannot be read, and for a metric without a value.
-    pub fn last(&mut self, seen: &[String]) -> Result<&[Curve], Error> {
+    pub fn last(&mut self, seen: &[SeenKey]) -> Result<&[Curve], Error> {
         for place in 0..self.sources.len() {
             self.look(place, true)?;
         }
         for source in &self.sources {
             for (place, key) in &source.keys {
                 if self.curves[*place].values.is_empty() {
-                    return Err(self.missing_metric(source, *place, key, seen));
+                    let name = &self.curves[*place].metric.name;
+                    let files = self.files(source).unwrap_or_default();
+                    return Err(metric_errors::missing(name, key, &source.from, &files, seen));
                 }
             }
         }
@@ -165,8 +169,8 @@ impl Metrics {
             return Ok(has_lines.then_some(path).into_iter().collect());
         }
         let found = matching(&Reach::of(&self.folder), &self.folder, &source.from);
-        let found = found.map_err(|error| Error::config("metrics", error.to_string()))?;
         Ok(found
+            .map_err(metric_errors::unlisted)?
             .into_iter()
             .filter(|path| path.metadata().is_ok_and(|it| it.len() > 0))
             .collect())
@@ -205,40 +209,16 @@ impl Metrics {
             begins: self.begins.clone(),
             ..Mapping::default()
         };
-        let mut found = read(files, &mapping)?;
+        let in_words = |error| metric_errors::in_words_of_the_study(error, &source.from, &self.folder);
+        let mut found = read(files, &mapping).map_err(in_words)?;
         let run = match found.runs.len() {
             0 => return Ok(Vec::new()),
             1 => found.runs.remove(0),
-            _ => return Err(several(source, &found)),
+            _ => return Err(in_words(metric_errors::several(&source.from, &found))),
         };
         let mut curves = run.curves;
         let values = |(place, _): &(&usize, &String)| Some((**place, curves.remove(&name(place))?));
         Ok(these.iter().filter_map(values).collect())
-    }
-
-    fn missing_metric(&self, source: &MetricGroup, place: usize, key: &str, seen: &[String]) -> Error {
-        let name = &self.curves[place].metric.name;
-        let from = &source.from;
-        let files = self.files(source).unwrap_or_default();
-        let is_stream = STREAMS.contains(&from.as_str());
-        let there = match (is_stream, seen) {
-            (true, []) => "no line of it is a JSON object or has words KEY=VALUE".into(),
-            (true, seen) => format!("keys that were there: `{}`", seen.join("`, `")),
-            (false, _) if files.is_empty() && from == LOG => {
-                "the program wrote nothing to the file that `REGIMEN_LOG` names, as `trial.log` does".into()
-            }
-            (false, _) if files.is_empty() => "the program wrote no such file".into(),
-            (false, _) => match columns(&files) {
-                Ok(columns) => format!("columns that are there: {}", columns.for_a_question().0),
-                Err(error) => error.to_string(),
-            },
-        };
-        Error::Input {
-            path: from.into(),
-            line: None,
-            column: Some(key.to_owned()),
-            problem: format!("no value of it, which is to be `{name}`; {there}"),
-        }
     }
 }
 
@@ -259,20 +239,6 @@ fn seen(path: &Path) -> FileVersion {
     let found = path.metadata().ok();
     let length = found.as_ref().map_or(0, std::fs::Metadata::len);
     (path.to_owned(), length, found.and_then(|it| it.modified().ok()))
-}
-
-fn several(source: &MetricGroup, found: &RunCollection) -> Error {
-    let names: Vec<&str> = found.runs.iter().map(|run| run.name.as_str()).collect();
-    Error::Input {
-        path: source.from.clone().into(),
-        line: None,
-        column: None,
-        problem: format!(
-            "a trial is one run, and these files hold {}: {}; name those of one",
-            names.len(),
-            names.join(", ")
-        ),
-    }
 }
 
 #[cfg(test)]
@@ -301,7 +267,11 @@ mod tests {
         }
 
         fn last(&mut self) -> Result<Vec<Vec<(u64, f64)>>, String> {
-            let seen = ["lr".to_owned()];
+            let seen = [("lr", None), ("z", Some("\u{1b}[32m1,000\u{1b}[0m"))];
+            let seen = seen.map(|(name, value)| SeenKey {
+                name: name.to_owned(),
+                no_number: value.map(str::to_owned),
+            });
             let curves = self.metrics.last(&seen).map_err(|error| error.to_string())?;
             Ok(curves.iter().map(|it| it.values.clone()).collect())
         }
@@ -350,7 +320,7 @@ mod tests {
         let mut written = WrittenFiles::new(json!({}), json!({ "a": "x" }), false);
         let told = written.last().unwrap_err();
         assert!(
-            told.contains("no value of it, which is to be `a`; keys that were there: `lr`"),
+            told.contains("no value of it, which is to be `a`; keys that were there: `lr`, `z`"),
             "{told}"
         );
         let mut written = WrittenFiles::new(json!({ "from": "*.csv" }), json!({ "a": "x" }), false);
@@ -358,6 +328,76 @@ mod tests {
         written.write("b.csv", "step,y\n1,2\n");
         let told = written.last().unwrap_err();
         assert!(told.contains("b.csv") && told.contains("`x`"), "{told}");
+    }
+
+    #[test]
+    fn values_that_are_no_numbers_are_quoted_with_the_name_of_their_source() {
+        let refused = |name: &str, from: &str, text: &str| {
+            let mut written = WrittenFiles::new(json!({ "from": from }), json!({ "a": "z" }), false);
+            written.write(name, text);
+            written.last().unwrap_err()
+        };
+        for (line, told) in [
+            (
+                "",
+                "`stdout`, column `z`: no value of it, which is to be `a`; its values are no numbers, as `[32m1,000[0m`, \
+                 which has codes for colours",
+            ),
+            (
+                r#"{"step": "100/1000", "z": "1"}"#,
+                "`stdout`, column `step`: `100/1000` is no number; its line has `step=100/1000 z=1`",
+            ),
+            (
+                r#"{"step": "-100", "z": "1"}"#,
+                "`-100` is no whole number from 0 to 9e15",
+            ),
+        ] {
+            let refusal = refused("stdout.jsonl", "stdout", &format!("{line}\n"));
+            assert!(refusal.contains(told), "{refusal}");
+        }
+        for (text, told) in [
+            ("step,z\n", "and no row"),
+            ("step,z\n1,\n", "the cells of this column are empty"),
+            (
+                "step,z\n1,high\n",
+                "`runs/log.csv`, line 2, column `z`: `high` is no number",
+            ),
+        ] {
+            let refusal = refused("runs/log.csv", "runs/*.csv", text);
+            assert!(refusal.contains(told), "{refusal}");
+        }
+    }
+
+    #[test]
+    fn lines_without_a_step_beside_others_are_named_as_the_cause() {
+        let mut written = WrittenFiles::new(json!({}), json!({ "a": "x" }), false);
+        let lines = [
+            "{\"regimen_at\":1,\"step\":\"100\",\"x\":\"1\"}",
+            "{\"regimen_at\":2,\"step\":2,\"x\":\"5\"}",
+        ];
+        written.write("stdout.jsonl", &format!("{}\n", lines.join("\n")));
+        let told = written.last().unwrap_err();
+        assert!(
+            told.ends_with("its line has `x=5`; 1 of its lines with metrics have no `step` and are numbered: print it in each"),
+            "{told}"
+        );
+    }
+
+    #[test]
+    fn a_file_outside_the_working_folder_is_refused_with_the_name_of_that_folder() {
+        let mut written = WrittenFiles::new(json!({ "from": "log.csv" }), json!({ "a": "x" }), false);
+        let outside = tempfile::tempdir().unwrap();
+        fs::write(outside.path().join("log.csv"), "step,x\n1,2\n").unwrap();
+        std::os::unix::fs::symlink(
+            outside.path().join("log.csv"),
+            written.folder.path().join("log.csv"),
+        )
+        .unwrap();
+        let told = written.last().unwrap_err();
+        assert!(
+            told.contains("`log.csv` leads out of the working folder of the trial"),
+            "{told}"
+        );
     }
 
     #[test]
@@ -371,7 +411,11 @@ mod tests {
         };
         assert_eq!(read(true), Ok(vec![vec![(10, 1.0), (15, 4.0)]]));
         let told = read(false).unwrap_err();
-        assert!(told.contains("line 4"), "{told}");
+        assert!(
+            told.contains("`stdout`: step 15 comes after step 20: ")
+                && told.ends_with("; its line has `step=15 x=4`"),
+            "{told}"
+        );
     }
 
     /// A program that is killed after a row that its checkpoint does not cover writes the row again.
@@ -397,9 +441,6 @@ mod tests {
         written.write("one/log.csv", "step,x\n1,2\n");
         written.write("two/log.csv", "step,x\n1,2\n");
         let told = written.last().unwrap_err();
-        assert!(
-            told.contains("these files hold 2") && told.contains("two"),
-            "{told}"
-        );
+        assert!(told.contains("these files hold 2: `one`, `two`"), "{told}");
     }
 }

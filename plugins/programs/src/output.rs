@@ -4,7 +4,7 @@
 //! They are read as they grow, and the disk space of parts that were read is released. Each noted line holds the
 //! position of its end in its file; reading continues after the last one.
 
-use crate::lines::{AT, Filter, Lines};
+use crate::lines::{AT, Filter, Lines, SeenKey};
 use contract::Error;
 use imported::BEGINS_AGAIN;
 use serde_json::{Value, json};
@@ -148,6 +148,16 @@ impl OutputReader {
         seen.into_iter().cloned().collect()
     }
 
+    /// The keys in the lines, each with a value that is no number, if it has one.
+    pub fn seen_keys(&self) -> Vec<SeenKey> {
+        let filters = || self.readers.iter().map(|reader| &reader.filter);
+        let key = |name: String| SeenKey {
+            no_number: filters().find_map(|filter| filter.no_numbers.get(&name)).cloned(),
+            name,
+        };
+        self.seen().into_iter().map(key).collect()
+    }
+
     /// The end of standard error.
     pub fn last_words(&self) -> String {
         let words: Vec<u8> = self.captured.errors.iter().copied().collect();
@@ -258,7 +268,10 @@ impl StreamReader {
 }
 
 /// The lines of a file of JSON; an incomplete line at its end is cut off.
-fn whole_lines(path: &Path) -> Result<Vec<Value>, Error> {
+///
+/// # Errors
+/// [`Error::File`] where the file cannot be read or shortened.
+pub fn whole_lines(path: &Path) -> Result<Vec<Value>, Error> {
     let text = match fs::read(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
         read => read.map_err(Error::file("read", path))?,
