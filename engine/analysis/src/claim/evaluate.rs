@@ -331,6 +331,11 @@ impl Side {
         }
     }
 
+    /// Whether seeds gave numbers that cannot be counts, so that equal differences do not come about by chance.
+    fn is_fractional(&self) -> bool {
+        matches!(self, Side::BySeed { kind, .. } if !kind.is_share && !kind.is_whole)
+    }
+
     fn has_run(&self) -> bool {
         !matches!(self, Side::BySeed { values, .. } if values.is_empty())
     }
@@ -370,6 +375,8 @@ struct SideDifference {
     permutation: Option<PermutationTest>,
     /// Whether neither side depends on the seed.
     has_no_spread: bool,
+    /// Whether all pairs, of numbers that depend on the seed, have the same difference.
+    is_constant: bool,
     right_mean: f64,
 }
 
@@ -411,6 +418,12 @@ impl SideDifference {
             }
         };
         compared.has_no_spread = left.has_no_spread() && right.has_no_spread();
+        compared.is_constant = !compared.has_no_spread
+            && compared.design == ComparisonDesign::Paired
+            && left.is_fractional()
+            && right.is_fractional()
+            && compared.evidence.n() >= FEWEST_SEEDS
+            && compared.evidence.has_no_spread();
         compared.right_mean = right.mean();
         compared
     }
@@ -482,6 +495,7 @@ impl SideDifference {
             design,
             permutation,
             has_no_spread: false,
+            is_constant: false,
             right_mean: f64::NAN,
         }
     }
@@ -525,7 +539,7 @@ impl SideDifference {
             evidence: self.evidence.clone(),
             region,
             alike,
-            deterministic: self.has_no_spread,
+            deterministic: self.has_no_spread || self.is_constant,
         }
     }
 }
@@ -618,9 +632,13 @@ fn notes(compared: &SideDifference) -> Vec<String> {
     let no_spread = compared
         .has_no_spread
         .then(|| "the seeds make no difference".to_owned());
-    let alike = (n >= FEWEST_SEEDS && !compared.has_no_spread && compared.evidence.has_no_spread())
+    let constant = compared
+        .is_constant
+        .then(|| "every seed gives the same difference".to_owned());
+    let is_decided = compared.has_no_spread || compared.is_constant;
+    let alike = (n >= FEWEST_SEEDS && !is_decided && compared.evidence.has_no_spread())
         .then(|| verdict::ALIKE.to_owned());
-    [too_few, unrelated, no_spread, alike]
+    [too_few, unrelated, no_spread, constant, alike]
         .into_iter()
         .flatten()
         .collect()

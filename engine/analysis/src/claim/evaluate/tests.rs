@@ -142,6 +142,17 @@ fn seeds_that_make_no_difference_decide() {
     assert_eq!(word("a.x > b.x", &[2.5], &[1.5]), "INCONCLUSIVE");
 }
 
+/// Differences that are equal to the bit decide as those with noise of rounding do.
+#[test]
+fn pairs_with_the_same_fractional_difference_decide() {
+    let (a, b) = ([1.5, 1.75, 2.25], [1.25, 1.5, 2.0]);
+    let verdict = outcome("b.x < a.x", (0, &a), (0, &b));
+    assert_eq!((verdict.verdict, verdict.n), (ClaimOutcome::Supported, 3));
+    assert_eq!(verdict.notes, ["every seed gives the same difference"]);
+    assert_eq!(word("a.x < b.x", &a, &b), "REFUTED");
+    assert_eq!(word("a.x > b.x", &a[..2], &b[..2]), "INCONCLUSIVE");
+}
+
 /// Three successes of three occur with probability 0.73 if one in ten fails.
 #[test]
 fn counts_that_are_alike_decide_nothing() {
