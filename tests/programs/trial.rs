@@ -54,6 +54,11 @@ fn a_number_that_is_none_ends_it_and_a_word_is_refused() {
             "failed",
             "regimen_trial.trial().log(step=10, ret='high')",
         ),
+        (
+            "None",
+            "failed",
+            "TypeError: `ret` is None, and a value of a metric is one number",
+        ),
     ] {
         let program = format!(
             "import regimen_trial, time\nregimen_trial.trial().log(step=10, ret={value})\ntime.sleep(600)\n"

@@ -13,7 +13,16 @@ fn said(place: &Place, code: i32, task: &str, agent: &str) -> String {
 
 /// A maker of a rule in the tank, and the words of its refusal.
 const RULES: &[(&str, &str, &str)] = &[
-    ("rules.py:no_such_class", "", "has no function `no_such_class`"),
+    (
+        "rules.py:no_such_class",
+        "",
+        "has no function `no_such_class`; it has `Failing`",
+    ),
+    (
+        "rules.py:Rul",
+        "",
+        "has no function `Rul`; did you mean `Rule`? it has",
+    ),
     (
         "rules.py:number",
         "",

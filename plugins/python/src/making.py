@@ -31,7 +31,7 @@ def function_of(make, sources):
         sys.meta_path.insert(0, Sources([make["file"], *sources]))
         module = importlib.import_module(os.path.splitext(os.path.basename(make["file"]["path"]))[0])
         if not callable(getattr(module, make["call"], None)):
-            raise Refused("make", f"`{make['file']['path']}` has no function `{make['call']}`")
+            raise Refused("make", f"`{make['file']['path']}` has no function `{make['call']}`{others(module, make['call'])}")
         return getattr(module, make["call"])
     sys.meta_path.insert(0, Sources(sources))
     package, name = make["package"], make["name"]
@@ -40,6 +40,17 @@ def function_of(make, sources):
 
         return lambda **arguments: gymnasium.make(name, **{"disable_env_checker": True, **arguments})
     return parallel_function(name)
+
+
+def others(module, name):
+    """Advice with the functions and classes that a module defines, the one with the most similar name first."""
+    import difflib
+
+    own = [key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__]
+    own = sorted(key for key in own if callable(getattr(module, key)) and not key.startswith("_"))
+    near = difflib.get_close_matches(name, own, 1)
+    meant = f"; did you mean `{near[0]}`?" if near else ";"
+    return f"{meant} it has {', '.join(f'`{key}`' for key in own[:20]) or 'none'}"
 
 
 def parallel_function(name):

@@ -6,8 +6,8 @@
     trial.measure(lambda observations: ..., step=1000)   # the engine measures where a measurement is due
     trial.measure(lambda observations: ...)              # the last measurement, which tables show
 
-A program whose environment lacks the package finds this file as the module `regimen_trial`. It needs the standard
-library alone, but for `environment`:
+In a trial, a program whose environment lacks the package finds this file as the module `regimen_trial`. It needs the
+standard library alone, but for `environment`:
 
     import regimen_trial as regimen
 """
@@ -47,7 +47,7 @@ class Trial:
 
         Every call writes one line at once, so that threads, forks and a sudden end cost no line of others.
         """
-        line = json.dumps({"step": int(step), **{name: _number(value) for name, value in values.items()}})
+        line = json.dumps({"step": int(step), **{name: _number(name, value) for name, value in values.items()}})
         if self._log is None:
             print(line, flush=True)
             return
@@ -145,7 +145,12 @@ def _exactly(told, length):
     return read
 
 
-def _number(value):
+def _number(name, value):
     """A number as JSON has it; one that is not finite, which ends the trial as `nan`, as a word."""
-    number = float(value)
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        said = repr(value)
+        said = said if len(said) <= 60 else f"{said[:59]}…"
+        raise TypeError(f"`{name}` is {said}, and a value of a metric is one number") from None
     return number if math.isfinite(number) else str(number)
