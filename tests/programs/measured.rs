@@ -207,6 +207,16 @@ fn the_last_measurement_is_needed_once() {
             format!("{begun}trial.measure(lambda rows: [[9.0]] * len(rows))\n"),
             "outside its space",
         ),
+        (
+            format!("{begun}trial.measure(lambda rows: [[float('nan')]] * len(rows))\n"),
+            "the action of the program (counted in its decisions) is not finite at step",
+        ),
+        (
+            format!(
+                "{begun}try:\n    trial.measure(lambda rows: 1 / 0)\nexcept ZeroDivisionError:\n    {last}"
+            ),
+            "an error in `act` may not be caught around `trial.measure`",
+        ),
     ] {
         let Some(bench) = in_python(&program, "") else {
             return;

@@ -7,7 +7,7 @@ use crate::{
     output::{self, OutputReader},
     policy::Policy,
     process::{self, Process},
-    words::{OTHERS, Word, WordValues, filled, parsed},
+    words::{Word, WordValues, filled, parsed},
     working_folder::WorkingFolder,
 };
 use contract::{
@@ -24,7 +24,7 @@ use std::{
 
 /// Time between two polls for a measurement that the program requests.
 const LOOK: Duration = Duration::from_millis(2);
-/// Time that a program has to end after it broke a measurement off.
+/// Time that a program has to end after it broke a measurement off. One that asks for another measurement goes on.
 const LEAVES_WITHIN: Duration = Duration::from_secs(5);
 
 /// A program as an agent.
@@ -38,6 +38,8 @@ pub struct ProgramAgent {
     training: Option<Training>,
     /// The policy that the program left, here or in another trial.
     policy: Option<Policy>,
+    /// Number of decisions so far.
+    decisions: u64,
 }
 
 /// State of a training's program.
@@ -84,13 +86,6 @@ pub fn build(config: ProgramConfig, interface: &Interface, _: &mut Rng) -> Resul
     config.check()?;
     let run = parsed("run", &config.run)?;
     let resume = parsed("resume", &config.resume)?;
-    let taken = |name: &&String| OTHERS.contains(&name.as_str()) || name.contains(['{', '}', '.']);
-    if let Some(name) = config.parameters.keys().find(taken) {
-        let problem = format!(
-            "`{name}` is no name of a parameter: it stands for something else in the words of a program"
-        );
-        return Err(Error::config("parameters", problem));
-    }
     Ok(Box::new(ProgramAgent {
         config,
         run,
@@ -98,22 +93,26 @@ pub fn build(config: ProgramConfig, interface: &Interface, _: &mut Rng) -> Resul
         seat: interface.seats.first().cloned(),
         training: None,
         policy: None,
+        decisions: 0,
     }))
 }
 
 impl Agent for ProgramAgent {
     fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
         let rows: Vec<&[f64]> = observations.iter().map(|it| it.seats[0].as_slice()).collect();
+        self.decisions += rows.len() as u64;
         if let Some(policy) = &self.policy {
-            return rows.iter().map(|row| Ok(vec![policy.act(row)?])).collect();
+            let act = |row: &&[f64]| Ok(vec![policy.act(row, self.decisions)?]);
+            return rows.iter().map(act).collect();
         }
         let space = &self.seat.as_ref().ok_or_else(not_asked)?.action;
         let training = self.training.as_mut().ok_or_else(not_asked)?;
         let asked = training.act(&rows, space.n_asked())?;
-        asked
-            .iter()
-            .map(|entries| Ok(vec![space.asked(entries)?]))
-            .collect()
+        let action = |entries: &Vec<f64>| match entries.iter().find(|entry| !entry.is_finite()) {
+            Some(value) => Err(not_finite("the action of the program", self.decisions, *value)),
+            None => Ok(vec![space.asked(entries)?]),
+        };
+        asked.iter().map(action).collect()
     }
 
     fn export(&self, folder: &Path) -> Result<bool, Error> {
@@ -186,7 +185,8 @@ impl OwnTraining for ProgramAgent {
                            `trial.environment()`";
             Error::config("run", problem)
         });
-        unused.map(doubt).chain(alike).collect()
+        let unfilled = self.config.unfilled_variables();
+        unused.map(doubt).chain(alike).chain(unfilled).collect()
     }
 
     fn begin(&mut self, of: &Assignment, within: &TrainingAllocation) -> Result<(), Error> {
@@ -261,7 +261,7 @@ impl OwnTraining for ProgramAgent {
         if !last {
             return Ok(training.metrics.now());
         }
-        let seen = training.work.output_reader().seen();
+        let seen = training.work.output_reader().seen_keys();
         training.metrics.last(&seen)
     }
 
@@ -307,9 +307,15 @@ impl Training {
             Err(error @ Error::Model { .. }) => error,
             answered => return answered,
         };
-        let ended = self.work.process().and_then(|it| it.ends_within(LEAVES_WITHIN));
-        self.has_ended |= ended.is_some();
-        Err(ended.and_then(Result::err).unwrap_or(error))
+        let mut left = LEAVES_WITHIN;
+        while !left.is_zero() && !link.is_asked_again() {
+            if let Some(ended) = self.work.process().and_then(|it| it.ends_within(LOOK)) {
+                self.has_ended = true;
+                return Err(ended.err().unwrap_or(error));
+            }
+            left = left.saturating_sub(LOOK);
+        }
+        Err(error)
     }
 }
 
@@ -349,6 +355,15 @@ pub fn started(config: &ProgramConfig, mut words: Vec<String>) -> Result<Vec<Str
         *first = path.display().to_string();
     }
     Ok(words)
+}
+
+/// The error of an action that ends a trial as `nan`.
+pub fn not_finite(what: &str, decisions: u64, value: f64) -> Error {
+    Error::NotFinite {
+        what: format!("{what} (counted in its decisions)"),
+        step: decisions,
+        value,
+    }
 }
 
 fn not_asked() -> Error {

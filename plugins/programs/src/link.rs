@@ -87,6 +87,11 @@ impl Link {
         ))
     }
 
+    /// Whether the program asks for another measurement; its request is not answered.
+    pub fn is_asked_again(&self) -> bool {
+        self.listener.accept().is_ok()
+    }
+
     /// The rows of `columns` numbers with which the program answers these rows.
     ///
     /// # Errors
@@ -185,7 +190,11 @@ fn wrong(problem: String) -> Error {
 }
 
 fn lost(error: &io::Error) -> Error {
-    wrong(format!("it left a measurement before its end: {error}"))
+    let why = match error.kind() {
+        ErrorKind::UnexpectedEof => "an error in `act` may not be caught around `trial.measure`".into(),
+        _ => error.to_string(),
+    };
+    wrong(format!("it left a measurement before its end: {why}"))
 }
 
 #[cfg(test)]
@@ -246,6 +255,9 @@ mod tests {
         assert_eq!(asked.unwrap(), Some(MeasurementPoint::Last));
         let left = link.act(&[&[1.0]], 1).unwrap_err().to_string();
         assert!(left.contains("left a measurement before its end"), "{left}");
+        assert!(!link.is_asked_again());
+        let _again = UnixStream::connect(link.path()).unwrap();
+        assert!(link.is_asked_again());
         let short = move |stream| {
             let mut stream = last(stream);
             stream.write_all(&as_bytes(&[&[1.0]])).unwrap();

@@ -1,5 +1,6 @@
 //! The policy that a program left as an ONNX file, evaluated by the engine.
 
+use crate::agent::not_finite;
 use contract::{Error, Seat, Space, first_largest};
 use document::reach::Reach;
 use imported::matching;
@@ -108,10 +109,13 @@ impl Policy {
     /// each choice.
     ///
     /// # Errors
-    /// [`Error::Action`] for outputs that are not an action, and [`Error::Input`] where the network cannot be
-    /// evaluated.
-    pub fn act(&self, observation: &[f64]) -> Result<Vec<f64>, Error> {
+    /// [`Error::Action`] for outputs that are not an action, [`Error::NotFinite`] at the number of `decisions` for one
+    /// that is not a number, and [`Error::Input`] where the network cannot be evaluated.
+    pub fn act(&self, observation: &[f64], decisions: u64) -> Result<Vec<f64>, Error> {
         let outputs = self.outputs(observation)?;
+        if let Some(value) = outputs.iter().find(|value| value.is_nan()) {
+            return Err(not_finite("the action of the policy", decisions, *value));
+        }
         match &self.action {
             Space::Box(channels) => {
                 let limited = |(value, it): (&f64, &contract::Channel)| value.max(it.low).min(it.high);
@@ -193,7 +197,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         Policy::leave(&giving(numbers, 2), folder.path()).unwrap();
         let policy = Policy::taken_up(folder.path(), &seat(action)).map_err(|error| error.to_string())?;
-        policy.act(&observation).map_err(|error| error.to_string())
+        policy.act(&observation, 7).map_err(|error| error.to_string())
     }
 
     #[test]
@@ -233,6 +237,11 @@ mod tests {
             [-1.0, 1.0, -1.0, -1.0, 1.0]
         );
         assert_eq!(acted(&[0.5; 5], choices, [0.0, 0.0]).unwrap(), [0.5; 5]);
+        // A limit of the box would hide it.
+        assert_eq!(
+            acted(&[f32::NAN, 0.0], limited.clone(), [0.0, 0.0]).unwrap_err(),
+            "the action of the policy (counted in its decisions) is not finite at step 7: NaN"
+        );
         assert!(
             acted(&[1.0; 3], limited, [0.0, 0.0])
                 .unwrap_err()
@@ -273,7 +282,7 @@ mod tests {
         assert_eq!(
             Policy::taken_up(folder.path(), &seat)
                 .unwrap()
-                .act(&[1.0, 2.0])
+                .act(&[1.0, 2.0], 1)
                 .unwrap(),
             [0.0]
         );
