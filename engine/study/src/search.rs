@@ -479,7 +479,7 @@ impl<'a> SearchReader<'a, '_> {
     }
 
     fn at(&self) -> String {
-        format!("search.{}", self.named.name)
+        format!("tune.{}", self.named.name)
     }
 
     fn error(&self, message: &str) -> Diagnostic {

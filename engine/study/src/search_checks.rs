@@ -19,7 +19,7 @@ pub fn searches(sections: &Sections<'_>, vocabulary: &Vocabulary) -> Vec<Diagnos
         let place = Place {
             node: &written.config,
             key: written.name_span,
-            at: format!("search.{}", written.name),
+            at: format!("tune.{}", written.name),
         };
         let picked = Picked {
             agents: vec![searched.agent],

@@ -77,7 +77,7 @@ impl Builder<'_> {
     ) -> Result<(), Box<Diagnostic>> {
         load_from_checkpoint(&mut *member, folder).map_err(|error| {
             let (text, _) = &searched.search.keys[key];
-            let at = format!("search.{}.over.{text}", searched.search.name);
+            let at = format!("tune.{}.over.{text}", searched.search.name);
             let message =
                 format!("members with different `{text}` cannot take up what others have learned: {error}");
             let error = self
