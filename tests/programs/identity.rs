@@ -143,6 +143,26 @@ fn mistakes_are_told_by_check_at_their_place() {
             "leads out of the folder of the study",
         ),
         (
+            "sources: [train.sh]",
+            "sources: [../a.sh]",
+            "as `sources: { a.sh: { file: /PATH/a.sh } }`",
+        ),
+        (
+            "sources: [train.sh]",
+            "sources: [lib/]",
+            "`lib/**/*` names all files in that folder and below",
+        ),
+        (
+            "sources: [train.sh]",
+            "sources: [\"**\"]",
+            "`**/*` names all files in that folder and below",
+        ),
+        (
+            "lock: none",
+            "lock: uv.lock",
+            "a file is written as `lock: { file: uv.lock }`",
+        ),
+        (
             "lock: none",
             "lock: { file: uv.lock }",
             "there is no data file `uv.lock`",
@@ -175,6 +195,7 @@ fn mistakes_are_told_by_check_at_their_place() {
         ),
     ] {
         let bench = bench();
+        bench.write("lib/b.sh", "");
         assert!(good.contains(what), "{what}");
         bench.write("study.yaml", &good.replace(what, instead));
         let answer = bench.run(&["check", "study.yaml"]);
@@ -228,6 +249,37 @@ fn patterns_of_sources_do_not_find_files_of_the_engine() {
     assert_eq!(first.code, 0, "{}", first.err);
     let again = run();
     assert!(again.err.contains("nothing runs"), "{}", again.err);
+}
+
+#[test]
+fn values_and_environments_without_an_argument_are_told_at_their_lines() {
+    let (good, bench) = (study("1.0"), bench());
+    let refusal = |text: &str| {
+        bench.write("study.yaml", text);
+        let answer = bench.run(&["check", "study.yaml"]);
+        assert_eq!(answer.code, 2, "{}", answer.err);
+        answer.err
+    };
+    let line = |text: &str, part: &str| text.lines().position(|line| line.contains(part)).unwrap() + 1;
+    let swept = good.clone() + "sweep:\n  quick.rate: { grid: [0.5, \"--all\"] }\n";
+    let told = refusal(&swept);
+    let place = format!("study.yaml:{}:", line(&swept, "--all"));
+    assert!(
+        told.contains("which a program would take for an option") && told.contains(&place),
+        "{told}"
+    );
+    let other = good
+        .replace(
+            "{ named: { id: Walk-v0 } }",
+            "{ named: { id: Walk-v0, size: 3 } }\n  other: { named: { id: Run-v0 } }",
+        )
+        .replace("\"{steps}\"", "\"{environment.size}\"");
+    let told = refusal(&other);
+    let place = format!("study.yaml:{}:", line(&other, "Run-v0"));
+    assert!(
+        told.contains("with this environment") && told.contains(&place),
+        "{told}"
+    );
 }
 
 #[test]

@@ -8,7 +8,7 @@ use document::{
     reach::{Outside, Reach},
     schema_check::{At, Checker, View},
 };
-use imported::matching_sources;
+use imported::{PatternError, matching_sources};
 use serde_json::{Value, json};
 use std::{
     collections::BTreeMap,
@@ -173,21 +173,21 @@ fn list_files(
         let mut listed = serde_json::Map::new();
         for (index, pattern) in patterns.iter().enumerate() {
             let span = locate(given, &format!("{key}.{index}")).unwrap_or(plugin.span);
-            let refused = |message: String, help: &str| vec![sources.error(span, &at, message).help(help)];
+            let refused = |message: String, help: String| vec![sources.error(span, &at, message).help(help)];
             let Some(pattern) = pattern.as_str() else {
                 return Err(refused(
                     "no name of a file, and no pattern of such".into(),
-                    MANY_FILES,
+                    MANY_FILES.into(),
                 ));
             };
             let found = matching_sources(&files.reach, files.folder, pattern);
-            let found = found.map_err(|error| refused(error.to_string(), Outside::HELP))?;
+            let found = found.map_err(|error| match error {
+                PatternError::Outside(_) => refused(error.to_string(), elsewhere(key, pattern)),
+                _ => refused(error.to_string(), MANY_FILES.into()),
+            })?;
             if found.is_empty() {
-                let help = format!(
-                    "files are sought from the folder of the study: `{}`",
-                    files.folder.display()
-                );
-                return Err(refused(format!("no file is named by `{pattern}`"), &help));
+                let message = format!("no file is named by `{pattern}`");
+                return Err(refused(message, files_in(files.folder, pattern)));
             }
             for path in found {
                 let name = path.strip_prefix(files.folder).unwrap_or(&path);
@@ -195,12 +195,47 @@ fn list_files(
                 listed.insert(name.clone(), json!({ "file": name }));
             }
             if listed.len() > MOST_FILES {
-                return Err(refused(format!("more than {MOST_FILES} files"), MANY_FILES));
+                return Err(refused(
+                    format!("more than {MOST_FILES} files"),
+                    MANY_FILES.into(),
+                ));
             }
         }
         config[key] = Value::Object(listed);
     }
     Ok(())
+}
+
+/// Advice for a name in a list that leads out of the study's folder: the list gives each file its own name, so a file
+/// from elsewhere is given one.
+fn elsewhere(key: &str, pattern: &str) -> String {
+    let name = Path::new(pattern)
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy();
+    let name = if name.contains('*') { "NAME".into() } else { name };
+    format!(
+        "move the file into that folder, or write its absolute path with a name, as `{key}: {{ {name}: {{ file: \
+         /PATH/{name} }} }}`"
+    )
+}
+
+/// Advice for a pattern that names no file: how the files in a folder are written, or where files are sought.
+fn files_in(folder: &Path, pattern: &str) -> String {
+    let named = pattern.trim_end_matches(['/', '*']).trim_end_matches('/');
+    let is_plain = pattern.trim_end_matches('/') == named || pattern.ends_with("**");
+    // The current folder has the empty path, which is no folder's.
+    if is_plain && !named.contains('*') && Path::new(".").join(folder).join(named).is_dir() {
+        let all = Path::new(named).join("**/*");
+        return format!("`{}` names all files in that folder and below", all.display());
+    }
+    if folder.as_os_str().is_empty() {
+        return "files are sought from the folder of the study, which is the current one".into();
+    }
+    format!(
+        "files are sought from the folder of the study: `{}`",
+        folder.display()
+    )
 }
 
 /// A file that is part of a word, as in `tank.py:make`, instead of the value of a key `file`.

@@ -1,6 +1,9 @@
 //! Checks of a program's keys before anything runs.
 
-use crate::config::{ProgramConfig, Reading};
+use crate::{
+    config::{ProgramConfig, Reading},
+    words::{OTHERS, Word},
+};
 use contract::{
     Error, Metric,
     own_training::Measured,
@@ -28,6 +31,9 @@ impl ProgramConfig {
                            of the program, as `{ return: episodic_return }`";
             return Err(Error::config("metrics", problem));
         }
+        self.parameters
+            .keys()
+            .try_for_each(|name| check_parameter(name))?;
         self.needs.check()?;
         self.measures()?;
         self.sources.0.keys().try_for_each(|name| within(name))?;
@@ -45,6 +51,25 @@ impl ProgramConfig {
             return Err(Error::config("metrics", problem));
         }
         readings.iter().try_for_each(|it| readable(&it.from))
+    }
+
+    /// Variables with a name in braces that would be replaced in a word of `run`, each as a warning.
+    pub fn unfilled_variables(&self) -> impl Iterator<Item = Error> {
+        let is_known = |name: &&str| {
+            let has_kind = ["environment.", "input."]
+                .iter()
+                .any(|kind| name.starts_with(kind));
+            has_kind || OTHERS.contains(name) || self.parameters.contains_key(*name)
+        };
+        self.variables.iter().filter_map(move |(variable, text)| {
+            let word = Word::parse(text).ok()?;
+            let name = word.names().find(is_known)?.to_owned();
+            let problem = format!(
+                "`{{{name}}}` stays as it is, since names in braces are replaced in `run` and `resume` alone: write it \
+                 into a word there"
+            );
+            Some(Error::config(format!("variables.{variable}"), problem))
+        })
     }
 
     /// Refuses a way of measuring that lacks one of its keys.
@@ -70,14 +95,33 @@ impl ProgramConfig {
     }
 }
 
+/// Refuses the name of a parameter that words, or dotted paths of a study, could not say.
+fn check_parameter(name: &str) -> Result<(), Error> {
+    let why = if OTHERS.contains(&name) {
+        "it stands for something else in the words of a program".to_owned()
+    } else if name.contains(['{', '}']) {
+        "braces stand around names in the words of a program".to_owned()
+    } else if name.contains('.') {
+        let own = name.replace('.', "_");
+        format!("a dot separates keys; call it `{own}`, and write `--{name}={{{own}}}` into `run`")
+    } else {
+        return Ok(());
+    };
+    let problem = format!("`{name}` is no name of a parameter: {why}");
+    Err(Error::config("parameters", problem))
+}
+
 /// Refuses a file outside the working folder, or among the engine's own files.
 fn within(name: &str) -> Result<(), Error> {
     let mut parts = Path::new(name).components();
     let is_inside = parts.all(|part| matches!(part, std::path::Component::Normal(_)));
     let problem = if !is_inside || name.is_empty() {
-        "leads out of the working folder: give it a name there, as `sources: { lib/a.py: { file: ../lib/a.py } }`"
+        let own = Path::new(name).file_name().unwrap_or_default().to_string_lossy();
+        format!(
+            "leads out of the working folder: give the file a name there, as `{own}` in `sources: {{ {own}: {{ file: PATH }} }}`"
+        )
     } else if name.starts_with(crate::working_folder::NOTES) {
-        "is a name of files that this program keeps there"
+        "is a name of files that this program keeps there".to_owned()
     } else {
         return Ok(());
     };
@@ -154,11 +198,18 @@ mod tests {
                 json!({ "a": { "key": "x", "from": "../log" } }),
                 "no file in the working folder",
             ),
+            ("parameters", json!({ "seed": 1 }), "stands for something else"),
+            ("parameters", json!({ "{a}": 1 }), "braces stand around names"),
+            (
+                "parameters",
+                json!({ "optim.lr": 1 }),
+                "a dot separates keys; call it `optim_lr`, and write `--optim.lr={optim_lr}` into `run`",
+            ),
             ("shown", json!({ "b": { "unit": "s" } }), "no metric is named `b`"),
             (
                 "sources",
-                json!({ "../a.py": { "file": "a.py" } }),
-                "leads out of the working folder",
+                json!({ "../a.py": { "file": "../a.py" } }),
+                "leads out of the working folder: give the file a name there, as `a.py` in `sources: { a.py: { file: PATH } }`",
             ),
             (
                 "sources",
@@ -169,6 +220,20 @@ mod tests {
             let told = refusal(key, value);
             assert!(told.contains(why), "{told}");
         }
+    }
+
+    #[test]
+    fn a_name_in_braces_in_a_variable_is_doubted_and_other_braces_are_not() {
+        let variables =
+            json!({ "A": "{seed}", "B": "{\"a\": 1}", "C": "{x}", "D": "run-{lr}", "E": "{{seed}}" });
+        let config = config(json!({ "variables": variables, "parameters": { "lr": 1 } }));
+        let doubts: Vec<String> = config.unfilled_variables().map(|it| it.to_string()).collect();
+        assert_eq!(doubts.len(), 2, "{doubts:?}");
+        assert!(
+            doubts[0].starts_with("`variables.A`: `{seed}` stays as it is"),
+            "{doubts:?}"
+        );
+        assert!(doubts[1].starts_with("`variables.D`: `{lr}`"), "{doubts:?}");
     }
 
     #[test]

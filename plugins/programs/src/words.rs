@@ -81,7 +81,7 @@ impl Word {
     ///
     /// # Errors
     /// The name that has no value, or whose value would become an option.
-    pub fn filled(&self, known: &WordValues<'_>) -> Result<String, String> {
+    fn filled(&self, known: &WordValues<'_>) -> Result<String, WordFault> {
         let mut argument = String::new();
         for piece in &self.0 {
             let (name, value) = match piece {
@@ -91,16 +91,37 @@ impl Word {
                 }
                 Piece::Name(name) => (name, known.value(name)?),
             };
-            let text = spelled(name, &value)?;
+            let unfit = |problem| WordFault {
+                parameter: known.parameters.contains_key(name).then(|| name.clone()),
+                problem,
+            };
+            let text = spelled(name, &value).map_err(unfit)?;
             if argument.is_empty() && value.is_string() && text.starts_with('-') {
-                return Err(format!(
+                return Err(unfit(format!(
                     "`{{{name}}}` is `{text}`, which a program would take for an option: write the option before it into \
                      the same word, as `--name={{{name}}}`"
-                ));
+                )));
             }
             argument.push_str(&text);
         }
         Ok(argument)
+    }
+}
+
+/// A word that cannot be filled.
+#[derive(Debug, PartialEq, Eq)]
+struct WordFault {
+    /// The parameter whose value is at fault.
+    parameter: Option<String>,
+    problem: String,
+}
+
+impl From<String> for WordFault {
+    fn from(problem: String) -> Self {
+        Self {
+            parameter: None,
+            problem,
+        }
     }
 }
 
@@ -175,7 +196,7 @@ impl WordValues<'_> {
             _ => "",
         };
         format!(
-            "`{{{name}}}` stands for nothing here; these do: {}{hint}",
+            "`{{{name}}}` stands for nothing here; these do: {}{hint}; `{{{{` and `}}}}` write braces",
             all.join(", ")
         )
     }
@@ -206,9 +227,15 @@ pub fn parsed(key: &str, words: &[String]) -> Result<Vec<Word>, Error> {
 /// The words with their names replaced.
 ///
 /// # Errors
-/// [`Error::Config`] at `key`.
+/// [`Error::Config`] at `key`, or at the parameter whose value is no argument.
 pub fn filled(key: &str, words: &[Word], known: &WordValues<'_>) -> Result<Vec<String>, Error> {
-    let word = |word: &Word| word.filled(known).map_err(|why| Error::config(key, why));
+    let refused = |fault: WordFault| {
+        let key = fault
+            .parameter
+            .map_or_else(|| key.to_owned(), |name| format!("parameters.{name}"));
+        Error::config(key, fault.problem)
+    };
+    let word = |word: &Word| word.filled(known).map_err(refused);
     words.iter().map(word).collect()
 }
 
@@ -219,6 +246,10 @@ mod tests {
     use serde_json::json;
 
     fn fill(text: &str, parameters: Value) -> Result<String, String> {
+        with_fault(text, parameters).map_err(|fault| fault.problem)
+    }
+
+    fn with_fault(text: &str, parameters: Value) -> Result<String, WordFault> {
         let assignment = Assignment {
             seed: 7,
             steps: 500,
@@ -265,6 +296,11 @@ mod tests {
             ("{environment}", "no part of a trial's id: `{environment.id}` is"),
             ("{environment.name}", "has no value `name`; it has `id`, `wind`"),
             ("{environment.wind}", "no single argument"),
+            (
+                "{\"a\": 1}",
+                "`{\"a\": 1}` stands for nothing here; these do: `{list}`",
+            ),
+            ("{\"a\": 1}", "`{{` and `}}` write braces"),
             ("{input.case}", "`inputs` has no file `case`"),
             ("{seed", "is not closed"),
             ("seed}", "is not closed"),
@@ -272,6 +308,18 @@ mod tests {
         ] {
             let told = fill(text, json!({ "lr": 1, "list": [1] })).unwrap_err();
             assert!(told.contains(why), "{text}: {told}");
+        }
+    }
+
+    #[test]
+    fn a_value_that_is_no_argument_is_a_fault_of_its_parameter() {
+        for (text, parameter) in [
+            ("{list}", Some("list")),
+            ("{environment.wind}", None),
+            ("{x}", None),
+        ] {
+            let fault = with_fault(text, json!({ "list": [1] })).unwrap_err();
+            assert_eq!(fault.parameter.as_deref(), parameter, "{text}");
         }
     }
 

@@ -423,7 +423,16 @@ impl<'a> Checker<'a> {
             .sources
             .error(node.span, &at.path, message)
             .about(outer.sentence());
-        self.found.push(error.help(suggest(text, words.iter().copied())));
+        let known = suggest(text, words.iter().copied());
+        let is_file = outer
+            .alternatives()
+            .iter()
+            .any(|place| place.variant() == Some("file"));
+        self.found.push(error.help(if is_file {
+            format!("a file is written as `{}: {{ file: {text} }}`; {known}", at.name)
+        } else {
+            known
+        }));
     }
 
     fn wrong_type(&mut self, node: &Node, at: &At, schema: &View<'_>) {

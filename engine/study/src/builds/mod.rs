@@ -332,7 +332,7 @@ impl<'a> Builder<'a> {
                 .own_training()
                 .map_or(Ok(Vec::new()), |training| training.command(&assignment))
         });
-        begun.map_err(|error| Box::new(self.refused(agent, &error)))?;
+        begun.map_err(|error| self.refused_in_environment(cell, &error))?;
         if self.warned.insert((agent.given.target, FROM_THE_FIRST_STEP, 0)) {
             let seeds = vocabulary.seeds.len();
             let doubts = built
@@ -349,6 +349,22 @@ impl<'a> Builder<'a> {
         }
         let Some(pair) = cell.pair() else { return Ok(()) };
         self.note(cell, pair, || recorded, vocabulary)
+    }
+
+    /// A refusal of the words of an agent, whose values may lack in one of several environments.
+    fn refused_in_environment(&self, cell: &Cell, error: &Error) -> Box<Diagnostic> {
+        let refused = self.refused(&cell.parts[1], error);
+        let environments = &self.sections.written.environments;
+        let named = cell
+            .pair()
+            .and_then(|(environment, _)| environments.get(environment));
+        Box::new(match named.filter(|_| environments.len() > 1) {
+            Some(named) => refused.note(
+                "with this environment",
+                self.sections.sources.place(named.name_span),
+            ),
+            None => refused,
+        })
     }
 
     /// The error of an agent that trains itself and asks for a form of measurement that its protocol does not have.

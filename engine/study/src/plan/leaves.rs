@@ -50,7 +50,13 @@ impl Display for Difference {
 impl Difference {
     /// The part and the name of a file whose content differs, if the file stands under a name.
     fn file(&self) -> Option<(&str, &str)> {
-        let (part, name) = self.what.strip_suffix(".file.content")?.split_once(".sources.")?;
+        let named = self.what.strip_suffix(".file.content")?;
+        if let Some(part) = named.strip_suffix(".lock") {
+            return Some((part, "lock"));
+        }
+        let (part, name) = [".sources.", ".inputs."]
+            .iter()
+            .find_map(|files| named.split_once(files))?;
         // A file in a list is identified by its index there.
         name.parse::<usize>().is_err().then_some((part, name))
     }
