@@ -195,7 +195,7 @@ fn mistakes_are_told_by_check_at_their_place() {
         ),
     ] {
         let bench = bench();
-        bench.write("lib/b.sh", "");
+        fs::create_dir(bench.path("lib")).unwrap();
         assert!(good.contains(what), "{what}");
         bench.write("study.yaml", &good.replace(what, instead));
         let answer = bench.run(&["check", "study.yaml"]);

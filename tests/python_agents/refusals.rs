@@ -16,7 +16,7 @@ const RULES: &[(&str, &str, &str)] = &[
     (
         "rules.py:no_such_class",
         "",
-        "has no function `no_such_class`; it has `Failing`",
+        "has no function `no_such_class`; it has `Broken`",
     ),
     (
         "rules.py:Rul",

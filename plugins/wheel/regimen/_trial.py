@@ -47,7 +47,10 @@ class Trial:
 
         Every call writes one line at once, so that threads, forks and a sudden end cost no line of others.
         """
-        line = json.dumps({"step": int(step), **{name: _number(name, value) for name, value in values.items()}})
+        said = {"step": int(step)}
+        for name, value in values.items():
+            said[name] = _number(name, value)
+        line = json.dumps(said)
         if self._log is None:
             print(line, flush=True)
             return
@@ -152,5 +155,6 @@ def _number(name, value):
     except (TypeError, ValueError):
         said = repr(value)
         said = said if len(said) <= 60 else f"{said[:59]}…"
-        raise TypeError(f"`{name}` is {said}, and a value of a metric is one number") from None
+        problem = f"`{name}` is {said}, and a value of a metric is one number"
+        raise TypeError(problem) from None
     return number if math.isfinite(number) else str(number)
