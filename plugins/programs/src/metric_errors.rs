@@ -7,9 +7,12 @@ use crate::{
 };
 use contract::Error;
 use document::{plain_text::cut, reach::excerpt};
-use imported::{PatternError, RunCollection, columns};
+use imported::{BEGINS_AGAIN, PatternError, RunCollection, columns};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
 /// Longest quote of a line, in characters.
 const LONGEST: usize = 80;
@@ -28,8 +31,13 @@ pub fn in_words_of_the_study(error: Error, from: &str, folder: &Path) -> Error {
         return error;
     };
     if is_noted(from) {
+        let lines = whole_lines(&path).unwrap_or_default();
+        let problem = match (line, &column) {
+            (None, Some(_)) => lacking(&lines),
+            _ => problem + &about_lines(&lines, from, line),
+        };
         return Error::Input {
-            problem: problem + &about_lines(&path, from, line),
+            problem,
             path: from.into(),
             line: None,
             column,
@@ -43,9 +51,23 @@ pub fn in_words_of_the_study(error: Error, from: &str, folder: &Path) -> Error {
     }
 }
 
+/// The problem of lines that all lack a key.
+fn lacking(lines: &[Value]) -> String {
+    let keys: BTreeSet<&str> = lines
+        .iter()
+        .filter_map(Value::as_object)
+        .flat_map(|line| line.keys().map(String::as_str))
+        .filter(|key| ![AT, BEGINS_AGAIN].contains(key))
+        .collect();
+    let keys: Vec<&str> = keys.into_iter().collect();
+    format!(
+        "no line with metrics has this key; of those of the study they have `{}`",
+        keys.join("`, `")
+    )
+}
+
 /// The line at fault, and a remark on lines without a step.
-fn about_lines(path: &Path, from: &str, line: Option<u64>) -> String {
-    let lines = whole_lines(path).unwrap_or_default();
+fn about_lines(lines: &[Value], from: &str, line: Option<u64>) -> String {
     let place = line.and_then(|line| usize::try_from(line.checked_sub(1)?).ok());
     let quote = place.and_then(|place| lines.get(place)).map(written);
     let quote = quote.map_or(String::new(), |line| format!("; its line has `{line}`"));
