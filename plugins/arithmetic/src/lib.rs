@@ -49,6 +49,8 @@ pub mod power;
 pub mod products;
 pub mod single;
 pub mod slices;
+#[cfg_attr(not(target_arch = "x86_64"), path = "squares_none.rs")]
+mod squares;
 pub mod steps;
 pub mod tiles;
 pub mod trigonometry;

@@ -1,6 +1,7 @@
 //! Panels of the second factor of a product: 32 columns, row by row.
 
 use crate::products::Matrix;
+use crate::squares;
 
 /// Number of columns of a panel: a multiple of two vectors of every processor.
 pub(crate) const PANEL: usize = 32;
@@ -86,84 +87,11 @@ fn copy(panel: &mut [f32], factor: Matrix, first: usize) {
 /// Copies columns, one after the other, to the rows of a panel.
 fn turn(rows: &mut [[f32; PANEL]], columns: &[f32]) {
     let n = rows.len();
-    let n_turned = turn_squares(rows, columns);
+    let n_turned = squares::turn(rows, columns);
     for (place, column) in columns.chunks_exact(n).enumerate() {
         let first = if place < n_turned[1] { n_turned[0] } else { 0 };
         for (row, value) in rows.iter_mut().zip(column).skip(first) {
             row[place] = *value;
         }
     }
-}
-
-/// Side of the squares that are turned in registers.
-#[cfg(target_arch = "x86_64")]
-const SIDE: usize = 8;
-
-/// Copies what whole squares of rows and columns contain; returns the number of these rows and columns.
-#[cfg(target_arch = "x86_64")]
-fn turn_squares(rows: &mut [[f32; PANEL]], columns: &[f32]) -> [usize; 2] {
-    let simd: pulp::x86::V3 = match crate::slices::arch() {
-        pulp::Arch::V4(simd) => *simd,
-        pulp::Arch::V3(simd) => simd,
-        _ => return [0; 2],
-    };
-    let n = rows.len();
-    let (squares, _) = rows.as_chunks_mut::<SIDE>();
-    let n_turned = [squares.len() * SIDE, columns.len() / n / SIDE * SIDE];
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            for (place, columns) in columns.chunks_exact(SIDE * n).enumerate() {
-                let columns: [&[[f32; SIDE]]; SIDE] =
-                    std::array::from_fn(|at| columns[at * n..][..n].as_chunks().0);
-                for (at, rows) in squares.iter_mut().enumerate() {
-                    let square = turned(simd, columns.map(|column| column[at]));
-                    for (row, entries) in rows.iter_mut().zip(square) {
-                        row.as_chunks_mut().0[place] = entries;
-                    }
-                }
-            }
-        },
-    );
-    n_turned
-}
-
-/// Other compilers than those of this kind of processor have no such squares.
-#[cfg(not(target_arch = "x86_64"))]
-fn turn_squares(_: &mut [[f32; PANEL]], _: &[f32]) -> [usize; 2] {
-    [0; 2]
-}
-
-/// A square with rows and columns exchanged: pairs of rows are mixed, then pairs of pairs, then halves.
-#[cfg(target_arch = "x86_64")]
-#[inline(always)]
-fn turned(simd: pulp::x86::V3, square: [[f32; SIDE]; SIDE]) -> [[f32; SIDE]; SIDE] {
-    let avx = simd.avx;
-    let rows: [std::arch::x86_64::__m256; SIDE] = square.map(pulp::bytemuck::cast);
-    let pairs: [_; SIDE] = std::array::from_fn(|at| {
-        let [a, b] = [rows[at / 2 * 2], rows[at / 2 * 2 + 1]];
-        if at % 2 == 0 {
-            avx._mm256_unpacklo_ps(a, b)
-        } else {
-            avx._mm256_unpackhi_ps(a, b)
-        }
-    });
-    let fours: [_; SIDE] = std::array::from_fn(|at| {
-        let first = at / 4 * 4 + at / 2 % 2;
-        let [a, b] = [pairs[first], pairs[first + 2]];
-        if at % 2 == 0 {
-            avx._mm256_shuffle_ps::<0x44>(a, b)
-        } else {
-            avx._mm256_shuffle_ps::<0xee>(a, b)
-        }
-    });
-    let halves: [_; SIDE] = std::array::from_fn(|at| {
-        let [a, b] = [fours[at % 4], fours[at % 4 + 4]];
-        if at < 4 {
-            avx._mm256_permute2f128_ps::<0x20>(a, b)
-        } else {
-            avx._mm256_permute2f128_ps::<0x31>(a, b)
-        }
-    });
-    halves.map(pulp::bytemuck::cast)
 }

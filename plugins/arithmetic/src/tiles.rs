@@ -12,6 +12,7 @@ use crate::epilogue::{Epilogue, Place};
 use crate::panel::{PANEL, Panel, Rows};
 use crate::products::{BLOCK, Matrix};
 use crate::slices::{arch, widest};
+use crate::squares;
 use pulp::{Simd, WithSimd};
 use std::ops::Range;
 
@@ -40,13 +41,27 @@ impl Multiplier {
         );
         assert_eq!(product.len(), a.rows * b.columns, "entries of the product");
         epilogue.check([a.rows, b.columns]);
-        if a.is_transposed && b.columns == 1 {
-            self.column(a, b.values, product);
+        if b.columns == 1 {
+            let n_done = if a.is_transposed {
+                self.column(a, b.values, product);
+                a.rows
+            } else {
+                squares::multiply_column(a, b.values, product)
+            };
+            if n_done < a.rows {
+                let rest = &a.values[n_done * a.columns..];
+                let rest = Matrix::new(rest, a.rows - n_done, a.columns);
+                self.multiply_tiles(rest, b, &mut product[n_done..], Epilogue::None);
+            }
             for (at, entry) in product.iter_mut().enumerate() {
                 epilogue.finish(std::slice::from_mut(entry), at..at + 1, 0..1);
             }
-            return;
+        } else {
+            self.multiply_tiles(a, b, product, epilogue);
         }
+    }
+
+    fn multiply_tiles(&mut self, a: Matrix, b: Matrix, product: &mut [f32], epilogue: Epilogue) {
         let panel = &mut self.panel;
         let tiles = Tiles {
             a,
