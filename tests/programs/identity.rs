@@ -124,9 +124,8 @@ fn what_is_not_declared_is_not_there_and_edits_during_a_run_poison_nothing() {
 }
 
 #[test]
-fn mistakes_are_told_by_check_at_their_place() {
-    let good = study("1.0");
-    for (what, instead, told) in [
+fn wrong_files_and_words_are_told_by_check_at_their_place() {
+    assert_refused(&[
         (
             "\"{seed}\"",
             "\"{sed}\"",
@@ -172,6 +171,12 @@ fn mistakes_are_told_by_check_at_their_place() {
             "",
             "names no file, so that nothing says which packages",
         ),
+    ]);
+}
+
+#[test]
+fn wrong_metrics_environments_and_protocols_are_told_by_check_at_their_place() {
+    assert_refused(&[
         (
             "return: charts/return",
             "wall_time: charts/return",
@@ -193,7 +198,13 @@ fn mistakes_are_told_by_check_at_their_place() {
             "track: {}",
             "lets it train",
         ),
-    ] {
+    ]);
+}
+
+/// Replaces a part of a good study by another one, and looks for the sentence of the refusal.
+fn assert_refused(mistakes: &[(&str, &str, &str)]) {
+    let good = study("1.0");
+    for (what, instead, told) in mistakes {
         let bench = bench();
         fs::create_dir(bench.path("lib")).unwrap();
         assert!(good.contains(what), "{what}");

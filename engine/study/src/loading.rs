@@ -301,6 +301,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: FinishedSections) -> Stu
         text,
     } = made;
     let profiles = root.get("profiles").map_or(&[][..], Node::entries);
+    let (searches, prepared) = (sections.searches.iter(), sections.written.prepared.iter());
     Study {
         name: text.study.0.unwrap_or_default(),
         title: text.title.0.unwrap_or_default(),
@@ -330,19 +331,10 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: FinishedSections) -> Stu
         announced: vocabulary.announced,
         warnings: in_order(sections.repeats().chain(vocabulary.warnings).collect()),
         repeats: sections.dimensions.iter().find_map(Repeats::of),
-        searches: sections
-            .searches
-            .iter()
-            .map(search::LocatedSearch::unlocated)
-            .collect(),
+        searches: searches.map(search::LocatedSearch::unlocated).collect(),
         metrics: vocabulary.metrics,
         units: vocabulary.units,
-        prepared: sections
-            .written
-            .prepared
-            .iter()
-            .map(|entry| entry.name.clone())
-            .collect(),
+        prepared: prepared.map(|entry| entry.name.clone()).collect(),
         cells,
         order,
         numerics: sections.registry.numerics_version,

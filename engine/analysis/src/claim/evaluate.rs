@@ -217,8 +217,8 @@ pub enum NumberOrigin {
 }
 
 /// Decides `claim` by the values that `values` gives for each of its operands: one value per seed, computed from the
-/// seeds below a number; `None` if there is none. `origin` gives the origin of these values. Differences between the two sides of a direction that are smaller than `min_effect` do not
-/// matter.
+/// seeds below a number; `None` if there is none. `origin` gives the origin of these values. Differences between the two
+/// sides of a direction that are smaller than `min_effect` do not matter.
 ///
 /// `values` must respect the claim's environment. Values that are not finite leave the claim inconclusive.
 #[must_use]

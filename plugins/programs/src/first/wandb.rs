@@ -29,13 +29,27 @@ pub fn read(file: &Path, value: &Value) -> Result<Sweep, DraftRefusal> {
         what: "a sweep of W&B",
         ..Sweep::default()
     };
-    let nothing = Map::new();
-    let (mut arguments, template) = (Vec::new(), template(value));
+    let template = template(value);
+    let arguments = arguments(value, &template, &mut sweep);
+    let (words, prefix) = command(value, &template, &arguments).map_err(lacks)?;
+    sweep.words = words;
+    for (option, _) in &mut sweep.swept {
+        option.insert_str(0, prefix);
+    }
+    method(value, &mut sweep).map_err(lacks)?;
+    metric(value, &mut sweep);
+    note_other_keys(value, &mut sweep);
+    Ok(sweep)
+}
+
+/// Arguments of the command, each with one value, for all parameters that have a counterpart. Those with several values
+/// are added to the swept ones.
+fn arguments<'a>(value: &'a Value, template: &[String], sweep: &mut Sweep) -> Vec<(&'a String, Value)> {
     let is_grid = value["method"].as_str() == Some("grid");
-    for (name, parameter) in value["parameters"].as_object().unwrap_or(&nothing) {
-        if template.iter().any(|word| word == FLAGS)
-            && let Some(values) = flags(parameter)
-        {
+    let has_flags = template.iter().any(|word| word == FLAGS);
+    let mut arguments = Vec::new();
+    for (name, parameter) in value["parameters"].as_object().into_iter().flatten() {
+        if let Some(values) = flags(parameter).filter(|_| has_flags) {
             match values[..] {
                 [value] => arguments.push((name, value.clone())),
                 _ => sweep.notes.push(format!(
@@ -57,27 +71,24 @@ pub fn read(file: &Path, value: &Value) -> Result<Sweep, DraftRefusal> {
             None => {}
         }
     }
-    let (words, prefix) = command(value, &template, &arguments).map_err(lacks)?;
-    sweep.words = words;
-    for (option, _) in &mut sweep.swept {
-        option.insert_str(0, prefix);
+    arguments
+}
+
+fn metric(value: &Value, sweep: &mut Sweep) {
+    let Some(metric) = value.get("metric") else {
+        return;
+    };
+    sweep.metric = metric["name"].as_str().map(str::to_owned);
+    sweep.lower_is_better = Some(metric["goal"].as_str() != Some("maximize"));
+    if metric.get("target").is_some() {
+        let note = "`metric.target` has no counterpart: all settings are tried";
+        sweep.notes.push(note.into());
     }
-    method(value, &mut sweep).map_err(lacks)?;
-    if let Some(metric) = value.get("metric") {
-        sweep.metric = metric["name"].as_str().map(str::to_owned);
-        sweep.lower_is_better = Some(metric["goal"].as_str() != Some("maximize"));
-        if metric.get("target").is_some() {
-            sweep
-                .notes
-                .push("`metric.target` has no counterpart: all settings are tried".into());
-        }
-    }
-    for key in value
-        .as_object()
-        .into_iter()
-        .flat_map(Map::keys)
-        .map(String::as_str)
-    {
+}
+
+fn note_other_keys(value: &Value, sweep: &mut Sweep) {
+    let keys = value.as_object().into_iter().flat_map(Map::keys);
+    for key in keys.map(String::as_str) {
         if key == "early_terminate" {
             let note = "`early_terminate` is left out: `method: { halving: .. }` does it for a program with `resume`";
             sweep.notes.push(note.into());
@@ -85,7 +96,6 @@ pub fn read(file: &Path, value: &Value) -> Result<Sweep, DraftRefusal> {
             sweep.notes.push(format!("`{key}` has no counterpart"));
         }
     }
-    Ok(sweep)
 }
 
 fn method(value: &Value, sweep: &mut Sweep) -> Result<(), String> {
