@@ -1,8 +1,7 @@
 //! Changes of the entries of a product while they are in registers.
 
-use crate::panel::PANEL;
+use crate::panel::MOST_COLUMNS;
 use pulp::Simd;
-use std::hint::black_box;
 use std::ops::{Add, Mul, Range};
 
 /// Change of each entry of a product after its last block. Entries of slices meet those of the product or of its
@@ -69,11 +68,30 @@ pub(crate) struct Place {
     pub(crate) columns: usize,
 }
 
+impl Place {
+    /// Entries of the product; those that do not exist are 0.
+    #[inline(always)]
+    pub(crate) fn read<S: Simd, const ROWS: usize, const VECTORS: usize>(
+        &self,
+        simd: S,
+        product: &[f32],
+    ) -> [[S::f32s; VECTORS]; ROWS] {
+        let n = self.left.min(VECTORS * S::F32_LANES);
+        let mut tile = [[simd.splat_f32s(0.0); VECTORS]; ROWS];
+        for (at, vectors) in tile.iter_mut().enumerate() {
+            let row = &product[(self.row + at) * self.columns + self.column..][..n];
+            let mut entries = [0.0; MOST_COLUMNS];
+            entries[..n].copy_from_slice(row);
+            vectors.copy_from_slice(&S::as_simd_f32s(&entries).0[..VECTORS]);
+        }
+        tile
+    }
+}
+
 impl Epilogue<'_> {
     /// Changes the sums of a tile and writes them to the product.
     ///
-    /// Each change has a loop of its own that stores the sums as well, so that they stay in registers. The other numbers
-    /// are hidden by [`black_box`], since the compiler would keep them in registers that the chains of the next tile need.
+    /// Each change has a loop of its own that stores the sums as well, so that they stay in registers.
     #[inline(always)]
     pub(crate) fn write<S: Simd, const ROWS: usize, const VECTORS: usize>(
         &self,
@@ -95,8 +113,8 @@ impl Epilogue<'_> {
                 }
             }
             Self::Rectified { bias, below } => {
-                let [zero, below] = black_box([0.0, below]).map(|x| simd.splat_f32s(x));
-                let (bias, _) = S::as_simd_f32s(&black_box(bias)[place.column..][..n]);
+                let [zero, below] = [0.0, below].map(|x| simd.splat_f32s(x));
+                let (bias, _) = S::as_simd_f32s(&bias[place.column..][..n]);
                 for (at, sums) in sums.iter().enumerate() {
                     let (entries, _) = S::as_mut_simd_f32s(&mut product[row(at)..][..n]);
                     for ((entry, sum), bias) in entries.iter_mut().zip(sums).zip(bias) {
@@ -107,7 +125,7 @@ impl Epilogue<'_> {
                 }
             }
             Self::Gated { of, below } => {
-                let [zero, below] = black_box([0.0, below]).map(|x| simd.splat_f32s(x));
+                let [zero, below] = [0.0, below].map(|x| simd.splat_f32s(x));
                 for (at, sums) in sums.iter().enumerate() {
                     let (of, _) = S::as_simd_f32s(&of[row(at)..][..n]);
                     let (entries, _) = S::as_mut_simd_f32s(&mut product[row(at)..][..n]);
@@ -129,7 +147,7 @@ impl Epilogue<'_> {
         product: &mut [f32],
     ) {
         for (row, sums) in sums.iter().enumerate() {
-            let mut entries = [0.0; PANEL];
+            let mut entries = [0.0; MOST_COLUMNS];
             S::as_mut_simd_f32s(&mut entries).0[..VECTORS].copy_from_slice(sums);
             let first = (place.row + row) * place.columns + place.column;
             let places = first..first + place.left;

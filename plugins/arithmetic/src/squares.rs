@@ -1,7 +1,6 @@
 //! Squares of entries that are turned in registers, which the compiler does not find by itself. Each function says how much
 //! it has done; with the vectors of an older processor it does nothing.
 
-use crate::panel::PANEL;
 use crate::products::{BLOCK, Matrix};
 use pulp::{f32x8, x86::V3};
 use std::ops::Range;
@@ -22,21 +21,24 @@ fn vectors() -> Option<V3> {
     }
 }
 
-/// Copies the entries of whole squares from columns, one after the other, to the rows of a panel; returns the number of
-/// rows and columns of these squares.
-pub(crate) fn turn(rows: &mut [[f32; PANEL]], columns: &[f32]) -> [usize; 2] {
+/// Copies the entries of whole squares from columns to the rows of a panel; returns the number of rows and columns of these
+/// squares.
+pub(crate) fn turn<'a, const COLUMNS: usize>(
+    panel: &mut [[f32; COLUMNS]],
+    column: impl Fn(usize) -> &'a [f32],
+    n_columns: usize,
+) -> [usize; 2] {
     let Some(simd) = vectors() else {
         return [0; 2];
     };
-    let n = rows.len();
-    let (squares, _) = rows.as_chunks_mut::<SIDE>();
-    let n_turned = [squares.len() * SIDE, columns.len() / n / SIDE * SIDE];
+    let (squares, _) = panel.as_chunks_mut::<SIDE>();
+    let n_turned = [squares.len() * SIDE, n_columns / SIDE * SIDE];
     simd.vectorize(
         #[inline(always)]
         || {
-            for (place, columns) in columns.chunks_exact(SIDE * n).enumerate() {
+            for place in 0..n_columns / SIDE {
                 let columns: [&[[f32; SIDE]]; SIDE] =
-                    std::array::from_fn(|at| columns[at * n..][..n].as_chunks().0);
+                    std::array::from_fn(|at| column(place * SIDE + at).as_chunks().0);
                 for (at, rows) in squares.iter_mut().enumerate() {
                     let square = turned(simd, columns.map(|column| column[at]));
                     for (row, entries) in rows.iter_mut().zip(square) {

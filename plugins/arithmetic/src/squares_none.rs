@@ -1,10 +1,13 @@
 //! Squares that are turned in registers: none on this kind of processor.
 
-use crate::panel::PANEL;
 use crate::products::Matrix;
 
 /// Copies nothing.
-pub(crate) fn turn(_: &mut [[f32; PANEL]], _: &[f32]) -> [usize; 2] {
+pub(crate) fn turn<'a, const COLUMNS: usize>(
+    _: &mut [[f32; COLUMNS]],
+    _: impl Fn(usize) -> &'a [f32],
+    _: usize,
+) -> [usize; 2] {
     [0; 2]
 }
 
