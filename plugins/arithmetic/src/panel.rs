@@ -21,19 +21,45 @@ pub(crate) struct Source<'a> {
     pub(crate) first: usize,
 }
 
-/// Rows of a panel.
+/// Rows of a panel, or of some columns of a matrix.
 #[derive(Clone, Copy)]
 pub(crate) struct Rows<'a> {
     values: &'a [f32],
     /// Number of entries from one row to the next one.
     stride: usize,
+    /// First column.
+    first: usize,
 }
 
 impl<'a> Rows<'a> {
-    /// First entries of a row.
+    /// Rows of a matrix, from a column on.
     #[inline(always)]
-    pub(crate) fn row(&self, at: usize, n: usize) -> &'a [f32] {
-        &self.values[at * self.stride..][..n]
+    pub(crate) fn new(values: &'a [f32], columns: usize, first: usize) -> Self {
+        Self {
+            values,
+            stride: columns,
+            first,
+        }
+    }
+
+    /// The rows, each to the end of the matrix's.
+    #[inline(always)]
+    pub(crate) fn iter(self) -> impl Iterator<Item = &'a [f32]> {
+        let Self {
+            values,
+            stride,
+            first,
+        } = self;
+        values.chunks_exact(stride).map(
+            #[inline(always)]
+            move |row| &row[first..],
+        )
+    }
+
+    /// The rows, if they have a length and nothing lies between them.
+    #[inline(always)]
+    pub(crate) fn neighbours<const COLUMNS: usize>(self) -> Option<&'a [[f32; COLUMNS]]> {
+        (self.stride == COLUMNS).then_some(self.values.as_chunks().0)
     }
 }
 
@@ -47,10 +73,7 @@ impl Panel {
         let skipped = self.0.as_ptr().align_offset(size_of::<f32>() * ALIGNMENT);
         let values = &mut self.0[skipped.min(ALIGNMENT)..][..n];
         source.copy(values.as_chunks_mut::<COLUMNS>().0);
-        Rows {
-            values,
-            stride: COLUMNS,
-        }
+        Rows::new(values, COLUMNS, 0)
     }
 }
 
@@ -59,11 +82,8 @@ impl<'a> Source<'a> {
     pub(crate) fn in_place<const COLUMNS: usize>(&self) -> Option<Rows<'a>> {
         let Self { factor, rows, first } = self;
         let is_whole = !factor.is_transposed && factor.columns - first >= COLUMNS;
-        let first = rows.start * factor.columns + first;
-        is_whole.then(|| Rows {
-            values: factor.values.get(first..).unwrap_or_default(),
-            stride: factor.columns,
-        })
+        let values = &factor.values[rows.start * factor.columns..rows.end * factor.columns];
+        is_whole.then(|| Rows::new(values, factor.columns, *first))
     }
 
     /// Copies the rows to a panel; missing columns are 0.

@@ -24,6 +24,8 @@ const MOST_ROWS: usize = 12;
 const MOST_PASSING: usize = 384;
 /// Number of values of `k` whose panel stays in the first cache.
 const PART: usize = 256;
+/// Number of terms of a chain between two counts of them, which take time as well.
+const AT_ONCE: usize = 4;
 const _: () = assert!(BLOCK.is_multiple_of(PART));
 
 /// Computes products; keeps its memory for the next one.
@@ -168,7 +170,7 @@ impl Product<'_> {
                         epilogue: self.epilogue,
                     };
                     let rows = top..a.rows.min(top + group);
-                    part.pass::<S, ROWS>(simd, rows, self.chains, self.product);
+                    part.pass::<S, ROWS, COLUMNS>(simd, rows, self.chains, self.product);
                 }
             }
         }
@@ -201,7 +203,7 @@ struct Part<'a> {
 impl Part<'_> {
     /// All tiles of some rows of the first factor.
     #[inline(always)]
-    fn pass<S: Simd, const ROWS: usize>(
+    fn pass<S: Simd, const ROWS: usize, const COLUMNS: usize>(
         &self,
         simd: S,
         rows: Range<usize>,
@@ -210,35 +212,41 @@ impl Part<'_> {
     ) {
         let mut row = rows.start;
         while row + ROWS <= rows.end {
-            self.tile::<S, ROWS>(simd, row, chains, product);
+            self.tile::<S, ROWS, COLUMNS>(simd, row, chains, product);
             row += ROWS;
         }
         while row + 4 <= rows.end {
-            self.tile::<S, 4>(simd, row, chains, product);
+            self.tile::<S, 4, COLUMNS>(simd, row, chains, product);
             row += 4;
         }
         while row + 2 <= rows.end {
-            self.tile::<S, 2>(simd, row, chains, product);
+            self.tile::<S, 2, COLUMNS>(simd, row, chains, product);
             row += 2;
         }
         if row < rows.end {
-            self.tile::<S, 1>(simd, row, chains, product);
+            self.tile::<S, 1, COLUMNS>(simd, row, chains, product);
         }
     }
 
     /// One tile, in a function of its own: within a larger one the compiler keeps sums in memory.
     #[inline(never)]
-    fn tile<S: Simd, const ROWS: usize>(&self, simd: S, row: usize, chains: &mut [f32], product: &mut [f32]) {
+    fn tile<S: Simd, const ROWS: usize, const COLUMNS: usize>(
+        &self,
+        simd: S,
+        row: usize,
+        chains: &mut [f32],
+        product: &mut [f32],
+    ) {
         let part = self;
         if self.width > S::F32_LANES {
-            simd.vectorize(Tile::<ROWS, 2> {
+            simd.vectorize(Tile::<ROWS, 2, COLUMNS> {
                 part,
                 row,
                 chains,
                 product,
             });
         } else {
-            simd.vectorize(Tile::<ROWS, 1> {
+            simd.vectorize(Tile::<ROWS, 1, COLUMNS> {
                 part,
                 row,
                 chains,
@@ -246,17 +254,55 @@ impl Part<'_> {
             });
         }
     }
+
+    /// Continues the chains of a tile that begins at a row.
+    #[inline(always)]
+    fn add_terms<S: Simd, const ROWS: usize, const VECTORS: usize, const COLUMNS: usize>(
+        &self,
+        simd: S,
+        sums: &mut [[S::f32s; VECTORS]; ROWS],
+        row: usize,
+    ) {
+        let (a, panel) = (&self.a, self.panel);
+        let (start, n_terms) = (self.terms.start, self.terms.len());
+        if a.is_transposed {
+            let columns = &a.values[start * a.rows..self.terms.end * a.rows];
+            for (column, b) in columns.chunks_exact(a.rows).zip(panel.iter()) {
+                let entries = &column[row..row + ROWS];
+                multiply_add::<S, ROWS, VECTORS>(simd, sums, |at| entries[at], b);
+            }
+            return;
+        }
+        let entries = |at| &a.values[(row + at) * a.columns + start..][..n_terms];
+        let rows: [&[f32]; ROWS] = std::array::from_fn(entries);
+        let mut n_done = 0;
+        if let Some(panel) = panel.neighbours::<COLUMNS>() {
+            let (panel, _) = panel.as_chunks::<AT_ONCE>();
+            let rows = rows.map(|row| row.as_chunks::<AT_ONCE>().0);
+            for (few, b) in panel.iter().enumerate() {
+                for (k, b) in b.iter().enumerate() {
+                    multiply_add::<S, ROWS, VECTORS>(simd, sums, |at| rows[at][few][k], b);
+                }
+            }
+            n_done = panel.len() * AT_ONCE;
+        }
+        for (k, b) in (n_done..n_terms).zip(panel.iter().skip(n_done)) {
+            multiply_add::<S, ROWS, VECTORS>(simd, sums, |at| rows[at][k], b);
+        }
+    }
 }
 
 /// Some rows of the first factor times the vectors of a panel.
-struct Tile<'a, const ROWS: usize, const VECTORS: usize> {
+struct Tile<'a, const ROWS: usize, const VECTORS: usize, const COLUMNS: usize> {
     part: &'a Part<'a>,
     row: usize,
     chains: &'a mut [f32],
     product: &'a mut [f32],
 }
 
-impl<const ROWS: usize, const VECTORS: usize> WithSimd for Tile<'_, ROWS, VECTORS> {
+impl<const ROWS: usize, const VECTORS: usize, const COLUMNS: usize> WithSimd
+    for Tile<'_, ROWS, VECTORS, COLUMNS>
+{
     type Output = ();
 
     #[inline(always)]
@@ -267,7 +313,7 @@ impl<const ROWS: usize, const VECTORS: usize> WithSimd for Tile<'_, ROWS, VECTOR
             chains,
             product,
         } = self;
-        let (a, terms, panel) = (&part.a, &part.terms, part.panel);
+        let (a, terms) = (&part.a, &part.terms);
         let place = Place {
             row,
             column: part.column,
@@ -283,19 +329,7 @@ impl<const ROWS: usize, const VECTORS: usize> WithSimd for Tile<'_, ROWS, VECTOR
         } else {
             unfinished.read::<S, ROWS, VECTORS>(simd, chains)
         };
-        if a.is_transposed {
-            let values = a.values.get(terms.start * a.rows + row..).unwrap_or_default();
-            let entries = |k: usize| {
-                let entries: &[f32; ROWS] = values[k * a.rows..].first_chunk().unwrap_or(&[0.0; ROWS]);
-                move |row: usize| entries[row]
-            };
-            add_terms::<S, ROWS, VECTORS, _>(simd, &mut sums, terms.len(), entries, panel);
-        } else {
-            let row = |at| &a.values[(row + at) * a.columns + terms.start..][..terms.len()];
-            let rows: [&[f32]; ROWS] = std::array::from_fn(row);
-            let entries = |k: usize| move |row: usize| rows[row][k];
-            add_terms::<S, ROWS, VECTORS, _>(simd, &mut sums, terms.len(), entries, panel);
-        }
+        part.add_terms::<S, ROWS, VECTORS, COLUMNS>(simd, &mut sums, row);
         let is_last = terms.end == a.columns;
         if is_last || terms.end.is_multiple_of(BLOCK) {
             if terms.start >= BLOCK {
@@ -312,24 +346,20 @@ impl<const ROWS: usize, const VECTORS: usize> WithSimd for Tile<'_, ROWS, VECTOR
     }
 }
 
-/// Continues the chains of a tile: for every `k` the entries of its rows, times a row of the panel.
+/// Adds a term to the sums of a tile: the entries of its rows times a row of the panel.
 #[inline(always)]
-fn add_terms<S: Simd, const ROWS: usize, const VECTORS: usize, Entries: Fn(usize) -> f32>(
+fn multiply_add<S: Simd, const ROWS: usize, const VECTORS: usize>(
     simd: S,
     sums: &mut [[S::f32s; VECTORS]; ROWS],
-    n_terms: usize,
-    entries: impl Fn(usize) -> Entries,
-    panel: Rows,
+    entry: impl Fn(usize) -> f32,
+    row: &[f32],
 ) {
+    let b = S::as_simd_f32s(&row[..VECTORS * S::F32_LANES]).0;
     // Adaptors of iterators are not always inlined, and then the sums are in memory.
-    for k in 0..n_terms {
-        let (entries, row) = (entries(k), panel.row(k, VECTORS * S::F32_LANES));
-        let b = S::as_simd_f32s(row).0;
-        for (at, sums) in sums.iter_mut().enumerate() {
-            let a = simd.splat_f32s(entries(at));
-            for (sum, b) in sums.iter_mut().zip(b) {
-                *sum = simd.mul_add_f32s(a, *b, *sum);
-            }
+    for (at, sums) in sums.iter_mut().enumerate() {
+        let a = simd.splat_f32s(entry(at));
+        for (sum, b) in sums.iter_mut().zip(b) {
+            *sum = simd.mul_add_f32s(a, *b, *sum);
         }
     }
 }
