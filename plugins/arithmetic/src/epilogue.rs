@@ -76,13 +76,18 @@ impl Place {
         simd: S,
         product: &[f32],
     ) -> [[S::f32s; VECTORS]; ROWS] {
-        let n = self.left.min(VECTORS * S::F32_LANES);
+        let n = VECTORS * S::F32_LANES;
         let mut tile = [[simd.splat_f32s(0.0); VECTORS]; ROWS];
         for (at, vectors) in tile.iter_mut().enumerate() {
-            let row = &product[(self.row + at) * self.columns + self.column..][..n];
-            let mut entries = [0.0; MOST_COLUMNS];
-            entries[..n].copy_from_slice(row);
-            vectors.copy_from_slice(&S::as_simd_f32s(&entries).0[..VECTORS]);
+            let row = &product[(self.row + at) * self.columns + self.column..];
+            // A copy of a fixed length needs no call.
+            if self.left >= n {
+                vectors.copy_from_slice(S::as_simd_f32s(&row[..n]).0);
+            } else {
+                let mut entries = [0.0; MOST_COLUMNS];
+                entries[..self.left].copy_from_slice(&row[..self.left]);
+                vectors.copy_from_slice(&S::as_simd_f32s(&entries).0[..VECTORS]);
+            }
         }
         tile
     }
