@@ -163,10 +163,12 @@ impl Product<'_> {
                         a,
                         terms: terms.clone(),
                         panel,
-                        top,
-                        column: first,
-                        width: COLUMNS.min(b.columns - first),
-                        columns: b.columns,
+                        corner: Place {
+                            row: top,
+                            column: first,
+                            left: b.columns - first,
+                            columns: b.columns,
+                        },
                         epilogue: self.epilogue,
                     };
                     let rows = top..a.rows.min(top + group);
@@ -190,13 +192,8 @@ struct Part<'a> {
     terms: Range<usize>,
     /// Rows that meet these values.
     panel: Rows<'a>,
-    /// First row of those that pass the panel.
-    top: usize,
-    /// Column of the product at which the panel begins, and the number of its columns that exist.
-    column: usize,
-    width: usize,
-    /// Number of columns of the product.
-    columns: usize,
+    /// Place of the first entry among those of all rows that pass the panel.
+    corner: Place,
     epilogue: Epilogue<'a>,
 }
 
@@ -238,7 +235,7 @@ impl Part<'_> {
         product: &mut [f32],
     ) {
         let part = self;
-        if self.width > S::F32_LANES {
+        if self.corner.left > S::F32_LANES {
             simd.vectorize(Tile::<ROWS, 2, COLUMNS> {
                 part,
                 row,
@@ -314,15 +311,10 @@ impl<const ROWS: usize, const VECTORS: usize, const COLUMNS: usize> WithSimd
             product,
         } = self;
         let (a, terms) = (&part.a, &part.terms);
-        let place = Place {
-            row,
-            column: part.column,
-            left: part.width,
-            columns: part.columns,
-        };
+        let place = Place { row, ..part.corner };
         let unfinished = Place {
-            row: row - part.top,
-            ..place
+            row: row - part.corner.row,
+            ..part.corner
         };
         let mut sums = if terms.start.is_multiple_of(BLOCK) {
             [[simd.splat_f32s(0.0); VECTORS]; ROWS]
