@@ -361,6 +361,20 @@ mod tests {
     }
 
     #[test]
+    fn long_tables_are_compressed_and_short_ones_are_not() {
+        let path = Path::new("table.parquet");
+        for (height, is_compressed) in [(1000_u32, false), (4000, true)] {
+            let numbers: Vec<f64> = (0..height).map(f64::from).collect();
+            let columns = vec![("number", Values::F64(numbers.clone()))];
+            let bytes = encode(path, columns, &[]).unwrap();
+            assert_eq!(bytes.len() < 8 * numbers.len(), is_compressed, "{height} rows");
+            let table = ParquetTable::decode(bytes, path).unwrap();
+            let read: Option<Vec<f64>> = table.f64s("number").unwrap().collect();
+            assert_eq!(read, Some(numbers));
+        }
+    }
+
+    #[test]
     fn empty_cells_stay_empty() {
         let path = Path::new("table.parquet");
         let columns = vec![

@@ -1,4 +1,4 @@
-//! Writes a table as a Parquet file of one group of rows, compressed by Zstandard.
+//! Writes a table as a Parquet file of one group of rows, which is compressed by Zstandard unless it is short.
 
 use super::{Values, damaged, unreadable};
 use crate::Error;
@@ -18,6 +18,9 @@ use std::{collections::BTreeSet, path::Path, sync::Arc};
 /// The writer's name in the file. It has no version, so that a newer library writes the same bytes if it can.
 const WRITER: &str = "regimen";
 const ZSTD_LEVEL: i32 = 3;
+/// Number of rows below which a table is not compressed: it would save little, and preparing Zstandard for each page takes
+/// longer than all the rest.
+const FEW_ROWS: usize = 1024;
 
 /// A file with these columns and these metadata entries; `path` is named in errors.
 ///
@@ -58,8 +61,13 @@ fn file(columns: &[(&str, Values<'_>)], entries: &[(&str, String)]) -> Result<Ve
         .iter()
         .map(|(key, value)| KeyValue::new((*key).to_owned(), value.clone()))
         .collect();
+    let height = columns.first().map_or(0, |(_, values)| values.len());
+    let compression = match height < FEW_ROWS {
+        true => Compression::UNCOMPRESSED,
+        false => Compression::ZSTD(ZstdLevel::try_new(ZSTD_LEVEL)?),
+    };
     let properties = WriterProperties::builder()
-        .set_compression(Compression::ZSTD(ZstdLevel::try_new(ZSTD_LEVEL)?))
+        .set_compression(compression)
         .set_created_by(WRITER.into())
         .set_statistics_enabled(EnabledStatistics::Chunk)
         .set_offset_index_disabled(true)

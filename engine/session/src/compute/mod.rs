@@ -21,7 +21,7 @@ use execution::{
     store::Store,
 };
 use std::{
-    cell::OnceCell,
+    cell::{OnceCell, RefCell},
     collections::{BTreeMap, BTreeSet},
     sync::{
         Arc,
@@ -52,6 +52,8 @@ pub(crate) struct Compute<'a> {
     /// Whether this is the whole command and not a part of one. The whole command checks stored trials first and waits
     /// for trials that other programs run.
     pub(crate) whole: bool,
+    /// Trials that ended `ok` and whose metrics this command has found whole.
+    pub(crate) sound: RefCell<BTreeSet<String>>,
 }
 
 /// Facts on a run that its store does not hold.
@@ -91,6 +93,7 @@ impl<'a> Compute<'a> {
             servers: OnceCell::new(),
             retry_failed: false,
             whole: true,
+            sound: RefCell::default(),
         }
     }
 }

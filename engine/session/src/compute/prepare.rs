@@ -40,7 +40,7 @@ impl Compute<'_> {
             ends.push(found.all);
         }
         if self.whole {
-            damaged.extend(damaged_files(planned, &ends, store));
+            damaged.extend(self.damaged_files(planned, &ends, store));
         }
         if !damaged.is_empty() {
             self.heal(&damaged, store)?;
@@ -51,6 +51,37 @@ impl Compute<'_> {
             forget(planned, &mut ends, &again);
         }
         Ok(ends)
+    }
+
+    /// Trials with damaged files: metrics that the report will read, or artifacts that missing trials take. A trial's
+    /// metrics are read once, not in every generation of a search.
+    fn damaged_files<'p>(&self, planned: &'p [Planned], ends: &Ends, store: &Store) -> BTreeSet<&'p str> {
+        let trials = || {
+            planned
+                .iter()
+                .flat_map(|one| &one.plan.trials)
+                .zip(ends.iter().flatten())
+        };
+        // A trial that belongs to several studies or settings is checked once.
+        let ended: BTreeMap<&str, &TrialEnd> = trials()
+            .filter_map(|(trial, end)| Some((&*trial.id, end.as_ref()?)))
+            .collect();
+        let taken: BTreeSet<String> = trials()
+            .filter(|(_, end)| is_missing(end.as_ref()))
+            .flat_map(|(trial, _)| trial.key.sources())
+            .collect();
+        let artifacts = ended
+            .keys()
+            .copied()
+            .filter(|id| taken.contains(*id) && store.has_damaged_artifact(id));
+        let mut sound = self.sound.borrow_mut();
+        let unread = ended.iter().filter(|(id, _)| !sound.contains(**id));
+        let unread: Vec<(&str, &TrialEnd)> = unread.map(|(id, end)| (*id, *end)).collect();
+        let mut damaged: BTreeSet<&str> = store.with_damaged_metrics(&unread).into_iter().collect();
+        let is_sound = |(id, end): &&(&str, &TrialEnd)| end.state == EndState::Ok && !damaged.contains(id);
+        sound.extend(unread.iter().filter(is_sound).map(|(id, _)| (*id).to_owned()));
+        damaged.extend(artifacts);
+        damaged
     }
 
     fn heal(&self, damaged: &BTreeSet<&str>, store: &Store) -> Result<(), Failure> {
@@ -136,34 +167,6 @@ pub fn failed_in_words<'a>(
         )
     };
     (!states.is_empty()).then(words)
-}
-
-/// Trials with damaged files: metrics that the report will read, or artifacts that missing trials take.
-fn damaged_files<'p>(planned: &'p [Planned], ends: &Ends, store: &Store) -> BTreeSet<&'p str> {
-    let trials = || {
-        planned
-            .iter()
-            .flat_map(|one| &one.plan.trials)
-            .zip(ends.iter().flatten())
-    };
-    // A trial that belongs to several studies or settings is checked once.
-    let ended: BTreeMap<&str, &TrialEnd> = trials()
-        .filter_map(|(trial, end)| Some((&*trial.id, end.as_ref()?)))
-        .collect();
-    let ended: Vec<(&str, &TrialEnd)> = ended.into_iter().collect();
-    let taken: BTreeSet<String> = trials()
-        .filter(|(_, end)| is_missing(end.as_ref()))
-        .flat_map(|(trial, _)| trial.key.sources())
-        .collect();
-    let artifacts = ended
-        .iter()
-        .map(|(id, _)| *id)
-        .filter(|id| taken.contains(*id) && store.has_damaged_artifact(id));
-    store
-        .with_damaged_metrics(&ended)
-        .into_iter()
-        .chain(artifacts)
-        .collect()
 }
 
 /// Trials of searches that have not ended `ok` and whose record at a pause is damaged.
