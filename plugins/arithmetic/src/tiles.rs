@@ -1,7 +1,7 @@
 //! The products of [`crate::products`], a tile at a time: the same chains and therefore the same bits, at the speed of
 //! the processor.
 //!
-//! The second factor is read in panels of two vectors and [`PART`] rows, which stay in the first cache while rows of the
+//! The second factor is read in panels of two vectors and 256 rows, which stay in the first cache while rows of the
 //! first factor pass. A tile is a few rows of the first factor times a panel; its sums stay in registers over a whole
 //! part of the chain. Tiles and panels differ in size between processors, but the chain of an entry does not.
 //!
