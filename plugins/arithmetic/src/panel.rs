@@ -1,4 +1,4 @@
-//! Panel of the second factor of a product: columns of two vectors, row by row.
+//! Panels of the second factor of a product: columns of two vectors, row by row.
 
 use crate::products::Matrix;
 use crate::squares;
@@ -42,7 +42,7 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// The rows, each to the end of the matrix's.
+    /// The rows from the first column to the end of the matrix.
     #[inline(always)]
     pub(crate) fn iter(self) -> impl Iterator<Item = &'a [f32]> {
         let Self {
