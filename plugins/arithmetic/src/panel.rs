@@ -14,10 +14,11 @@ const ALIGNMENT: usize = 32;
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Panel(Vec<f32>);
 
-/// Rows of the panel that begins at a column of a factor.
+/// Some rows of a factor from a column on, which become a panel.
 pub(crate) struct Source<'a> {
     pub(crate) factor: Matrix<'a>,
     pub(crate) rows: Range<usize>,
+    /// First column.
     pub(crate) first: usize,
 }
 
@@ -56,9 +57,9 @@ impl<'a> Rows<'a> {
         )
     }
 
-    /// The rows, if they have a length and nothing lies between them.
+    /// The rows, if each has `COLUMNS` entries and nothing lies between them.
     #[inline(always)]
-    pub(crate) fn neighbours<const COLUMNS: usize>(self) -> Option<&'a [[f32; COLUMNS]]> {
+    pub(crate) fn contiguous<const COLUMNS: usize>(self) -> Option<&'a [[f32; COLUMNS]]> {
         (self.stride == COLUMNS).then_some(self.values.as_chunks().0)
     }
 }

@@ -7,7 +7,7 @@
 //!
 //! One core of an EPYC of family 26 with AVX-512, whose limit is 270 GFLOP/s, multiplies 256 x 256 x 256 in 0.132 ms (254
 //! GFLOP/s), whether a factor is transposed or not. A bias and a rectifier take no further time, a gate 4 us. One of family 25
-//! with AVX2, whose limit is 103 GFLOP/s, takes 0.37 to 0.39 ms (86 to 92 GFLOP/s).
+//! with AVX2, whose limit is 103 GFLOP/s, takes 0.37 to 0.39 ms (86 to 92 GFLOP/s) where no other program slows it down.
 
 use crate::epilogue::{Epilogue, Place};
 use crate::panel::{MOST_COLUMNS, Panel, Rows, Source};
@@ -17,8 +17,6 @@ use crate::squares;
 use pulp::{Simd, WithSimd};
 use std::ops::Range;
 
-/// Largest number of rows of a tile.
-const MOST_ROWS: usize = 12;
 /// Largest number of rows of the first factor that pass one panel before the next one is read. More would not stay in
 /// the second cache.
 const MOST_PASSING: usize = 384;
@@ -126,7 +124,7 @@ impl WithSimd for Product<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         // A tile has as many sums as there are registers for them.
         match S::F32_LANES {
-            16 => self.multiply::<S, MOST_ROWS, MOST_COLUMNS>(simd),
+            16 => self.multiply::<S, 12, MOST_COLUMNS>(simd),
             8 => self.multiply::<S, 6, 16>(simd),
             4 => self.multiply::<S, 4, 8>(simd),
             _ => self.multiply::<S, 4, 2>(simd),
@@ -273,7 +271,7 @@ impl Part<'_> {
         let entries = |at| &a.values[(row + at) * a.columns + start..][..n_terms];
         let rows: [&[f32]; ROWS] = std::array::from_fn(entries);
         let mut n_done = 0;
-        if let Some(panel) = panel.neighbours::<COLUMNS>() {
+        if let Some(panel) = panel.contiguous::<COLUMNS>() {
             let (panel, _) = panel.as_chunks::<AT_ONCE>();
             let rows = rows.map(|row| row.as_chunks::<AT_ONCE>().0);
             for (few, b) in panel.iter().enumerate() {
