@@ -19,31 +19,47 @@ pub enum Epilogue<'a, T = f32> {
     },
     /// The entry is multiplied by the slope of a rectifier: 1 where its result is above 0.
     Gated {
-        /// Results of the rectifier, one an entry.
-        of: &'a [T],
+        /// Results of the rectifier, one an entry; `None` if the product replaces them.
+        of: Option<&'a [T]>,
         /// Slope elsewhere.
         below: T,
     },
 }
 
 impl<T: Copy + PartialOrd + Default + Add<Output = T> + Mul<Output = T>> Epilogue<'_, T> {
-    /// Changes entries of one row of a product, by their places in the product and their columns.
+    /// Writes entries of one row of a product, with their places in the product and their columns.
     #[inline(always)]
-    pub fn finish(&self, row: &mut [T], entries: Range<usize>, columns: Range<usize>) {
+    pub fn write_row(&self, sums: &[T], row: &mut [T], entries: Range<usize>, columns: Range<usize>) {
         match self {
-            Self::None => {}
+            Self::None => row.copy_from_slice(sums),
             Self::Rectified { bias, below } => {
-                for (x, bias) in row.iter_mut().zip(&bias[columns]) {
+                for ((entry, x), bias) in row.iter_mut().zip(sums).zip(&bias[columns]) {
                     let y = *x + *bias;
-                    *x = if y <= T::default() { *below * y } else { y };
+                    *entry = if y <= T::default() { *below * y } else { y };
                 }
             }
             Self::Gated { of, below } => {
-                for (x, y) in row.iter_mut().zip(&of[entries]) {
-                    *x = if *y > T::default() { *x } else { *x * *below };
+                let gated = |x: T, y: T| if y > T::default() { x } else { x * *below };
+                match of {
+                    Some(of) => {
+                        for ((entry, x), y) in row.iter_mut().zip(sums).zip(&of[entries]) {
+                            *entry = gated(*x, *y);
+                        }
+                    }
+                    None => {
+                        for (entry, x) in row.iter_mut().zip(sums) {
+                            *entry = gated(*x, *entry);
+                        }
+                    }
                 }
             }
         }
+    }
+
+    /// Whether the entries of the product are read.
+    #[must_use]
+    pub fn reads_product(&self) -> bool {
+        matches!(self, Self::Gated { of: None, .. })
     }
 
     /// # Panics
@@ -52,7 +68,10 @@ impl<T: Copy + PartialOrd + Default + Add<Output = T> + Mul<Output = T>> Epilogu
         match self {
             Self::None => {}
             Self::Rectified { bias, .. } => assert_eq!(bias.len(), columns, "one bias a column"),
-            Self::Gated { of, .. } => assert_eq!(of.len(), rows * columns, "one gate an entry"),
+            Self::Gated { of: Some(of), .. } => {
+                assert_eq!(of.len(), rows * columns, "one gate an entry");
+            }
+            Self::Gated { of: None, .. } => {}
         }
     }
 }
@@ -132,10 +151,11 @@ impl Epilogue<'_> {
             Self::Gated { of, below } => {
                 let [zero, below] = [0.0, below].map(|x| simd.splat_f32s(x));
                 for (at, sums) in sums.iter().enumerate() {
-                    let (of, _) = S::as_simd_f32s(&of[row(at)..][..n]);
                     let (entries, _) = S::as_mut_simd_f32s(&mut product[row(at)..][..n]);
-                    for ((entry, sum), y) in entries.iter_mut().zip(sums).zip(of) {
-                        let is_above = simd.greater_than_f32s(*y, zero);
+                    let gates = of.map(|of| S::as_simd_f32s(&of[row(at)..][..n]).0);
+                    for (column, (entry, sum)) in entries.iter_mut().zip(sums).enumerate() {
+                        let y = gates.map_or(*entry, |gates| gates[column]);
+                        let is_above = simd.greater_than_f32s(y, zero);
                         *entry = simd.select_f32s(is_above, *sum, simd.mul_f32s(*sum, below));
                     }
                 }
@@ -157,8 +177,8 @@ impl Epilogue<'_> {
             let first = (place.row + row) * place.columns + place.column;
             let places = first..first + place.left;
             let row = &mut product[places.clone()];
-            row.copy_from_slice(&entries[..place.left]);
-            self.finish(row, places, place.column..place.column + place.left);
+            let columns = place.column..place.column + place.left;
+            self.write_row(&entries[..place.left], row, places, columns);
         }
     }
 }

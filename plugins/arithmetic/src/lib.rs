@@ -54,6 +54,7 @@ mod squares;
 pub mod steps;
 pub mod tiles;
 pub mod trigonometry;
+mod zero_rows;
 
 /// Version of the results, raised whenever a change in this crate changes a bit of one.
 pub const VERSION: u32 = 0;

@@ -84,3 +84,24 @@ fn streams_are_split_mix() {
     let mut stream = Stream::new(5);
     assert_eq!(stream.word(), mix(mix(5).wrapping_add(GOLDEN)));
 }
+
+/// Numbers between -0.5 and 0.5.
+pub(crate) fn numbers(count: usize, first: u64) -> Vec<f32> {
+    let mut state = first.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    let number = |_| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 40) as f32 / 16_777_216.0 - 0.5
+    };
+    (0..count).map(number).collect()
+}
+
+/// A factor in either order of its entries.
+pub(crate) fn factor(values: &[f32], rows: usize, columns: usize, is_transposed: bool) -> Matrix<'_> {
+    if is_transposed {
+        Matrix::new(values, columns, rows).transposed()
+    } else {
+        Matrix::new(values, rows, columns)
+    }
+}

@@ -14,6 +14,7 @@ use crate::panel::{MOST_COLUMNS, Panel, Rows, Source};
 use crate::products::{BLOCK, Matrix};
 use crate::slices::{arch, widest};
 use crate::squares;
+use crate::zero_rows::OtherRows;
 use pulp::{Simd, WithSimd};
 use std::ops::Range;
 
@@ -26,12 +27,20 @@ const PART: usize = 256;
 const AT_ONCE: usize = 4;
 const _: () = assert!(BLOCK.is_multiple_of(PART));
 
+/// Whether a product with this number of terms and columns is written once an entry, after the last term, so that it can
+/// replace its gates.
+#[must_use]
+pub fn is_written_once(n_terms: usize, columns: usize) -> bool {
+    n_terms <= BLOCK && columns > 1
+}
+
 /// Computes products; keeps its memory for the next one.
 #[derive(Debug, Clone, Default)]
 pub struct Multiplier {
     panel: Panel,
     /// Unfinished chains.
     chains: Vec<f32>,
+    others: OtherRows,
 }
 
 impl Multiplier {
@@ -46,6 +55,10 @@ impl Multiplier {
         );
         assert_eq!(product.len(), a.rows * b.columns, "entries of the product");
         epilogue.check([a.rows, b.columns]);
+        assert!(
+            !epilogue.reads_product() || is_written_once(a.columns, b.columns),
+            "gates in the memory of sums"
+        );
         if b.columns == 1 {
             let n_done = if a.is_transposed {
                 self.column(a, b.values, product);
@@ -59,11 +72,25 @@ impl Multiplier {
                 self.multiply_tiles(rest, b, &mut product[n_done..], Epilogue::None);
             }
             for (at, entry) in product.iter_mut().enumerate() {
-                epilogue.finish(std::slice::from_mut(entry), at..at + 1, 0..1);
+                let sum = [*entry];
+                epilogue.write_row(&sum, std::slice::from_mut(entry), at..at + 1, 0..1);
             }
+        } else {
+            self.multiply_rows(a, b, product, epilogue);
+        }
+    }
+
+    /// Rows of zeros in the first factor are left out.
+    fn multiply_rows(&mut self, a: Matrix, b: Matrix, product: &mut [f32], epilogue: Epilogue) {
+        let mut others = std::mem::take(&mut self.others);
+        if others.gather(a, b) {
+            let (rows, products) = others.factors(a.columns, b.columns);
+            self.multiply_tiles(rows, b, products, Epilogue::None);
+            others.scatter(b.columns, product, epilogue);
         } else {
             self.multiply_tiles(a, b, product, epilogue);
         }
+        self.others = others;
     }
 
     fn multiply_tiles(&mut self, a: Matrix, b: Matrix, product: &mut [f32], epilogue: Epilogue) {
@@ -358,27 +385,8 @@ fn multiply_add<S: Simd, const ROWS: usize, const VECTORS: usize>(
 mod tests {
     use super::*;
     use crate::products::product;
+    use crate::tests::{factor, numbers};
     use proptest::prelude::*;
-
-    fn numbers(count: usize, first: u64) -> Vec<f32> {
-        let mut state = first.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-        let number = |_| {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            (state >> 40) as f32 / 16_777_216.0 - 0.5
-        };
-        (0..count).map(number).collect()
-    }
-
-    /// A factor in either order of its entries.
-    fn factor(values: &[f32], rows: usize, columns: usize, is_transposed: bool) -> Matrix<'_> {
-        if is_transposed {
-            Matrix::new(values, columns, rows).transposed()
-        } else {
-            Matrix::new(values, rows, columns)
-        }
-    }
 
     proptest! {
         #[test]
@@ -408,7 +416,12 @@ mod tests {
             prop_assert_eq!(of(Epilogue::Rectified { bias: &bias, below: 0.25 }), bits(&rectified));
             let slopes = gate.iter().map(|y| if *y > 0.0 { 1.0 } else { 0.25 });
             let gated: Vec<f32> = plain.iter().zip(slopes).map(|(x, slope)| x * slope).collect();
-            prop_assert_eq!(of(Epilogue::Gated { of: &gate, below: 0.25 }), bits(&gated));
+            prop_assert_eq!(of(Epilogue::Gated { of: Some(&gate), below: 0.25 }), bits(&gated));
+            if is_written_once(common, columns) {
+                let mut replaced = gate;
+                multiplier.product(a, b, &mut replaced, Epilogue::Gated { of: None, below: 0.25 });
+                prop_assert_eq!(bits(&replaced), bits(&gated));
+            }
         }
     }
 }

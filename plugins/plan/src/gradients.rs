@@ -97,10 +97,11 @@ impl Graph {
                     None => gradient,
                     Some(function) => self.through_activation(function, value, gradient),
                 };
-                let mut parts = self.through_product([false; 2], [x, operands[1]], gradient, depends);
+                let mut parts = Vec::new();
                 if is_needed(2) {
                     parts.push((operands[2], self.sum_rows(gradient)));
                 }
+                parts.extend(self.through_product([false; 2], [x, operands[1]], gradient, depends));
                 parts
             }
             Operation::Product { transposed } => {
@@ -171,14 +172,8 @@ impl Graph {
         depends: &[bool],
     ) -> Vec<(Value, Value)> {
         let mut parts = Vec::new();
-        if depends[a.0] {
-            let part = if turn_a {
-                self.product(b, gradient, [turn_b, true])
-            } else {
-                self.product(gradient, b, [false, !turn_b])
-            };
-            parts.push((a, part));
-        }
+        // The gradient of a weight comes first: it is the last reader of a layer's input, which the gradient of the input
+        // then replaces.
         if depends[b.0] {
             let part = if turn_b {
                 self.product(gradient, a, [true, turn_a])
@@ -186,6 +181,14 @@ impl Graph {
                 self.product(a, gradient, [!turn_a, false])
             };
             parts.push((b, part));
+        }
+        if depends[a.0] {
+            let part = if turn_a {
+                self.product(b, gradient, [turn_b, true])
+            } else {
+                self.product(gradient, b, [false, !turn_b])
+            };
+            parts.push((a, part));
         }
         parts
     }

@@ -7,6 +7,7 @@ use crate::memory::Memory;
 use crate::operations::{Function, Operation, Pair};
 use crate::scalar::Scalar;
 use crate::updates::Update;
+use arithmetic::tiles::is_written_once;
 
 #[derive(Debug, Clone)]
 pub(crate) enum Kernel {
@@ -27,6 +28,25 @@ pub(crate) struct Gated {
     /// Slope of the rectifier at 0 and below.
     pub(crate) below: f64,
     pub(crate) result: Value,
+}
+
+impl Gated {
+    /// Whether the result may have the buffer of the gates, if nothing else reads them.
+    fn can_replace_gates(&self, graph: &Graph) -> bool {
+        let node = &graph.nodes[self.product.0];
+        let [rows, columns] = graph.shape(node.operands[0]);
+        let n_terms = if matches!(
+            node.operation,
+            Operation::Product {
+                transposed: [true, _]
+            }
+        ) {
+            rows
+        } else {
+            columns
+        };
+        !node.operands.contains(&self.of) && is_written_once(n_terms, node.shape[1])
+    }
 }
 
 impl Kernel {
@@ -59,6 +79,12 @@ pub(crate) fn compile<T: Scalar>(graph: &Graph, routine: usize, memory: &mut Mem
     for (at, kernel) in kernels.iter().enumerate() {
         let mut last = kernel.operands(graph);
         last.retain(|operand| readers[operand.0] == Some(at));
+        if let Kernel::Gated(gated) = kernel
+            && gated.can_replace_gates(graph)
+            && let Some(place) = last.iter().position(|operand| *operand == gated.of)
+        {
+            memory.release(last.swap_remove(place));
+        }
         if let Kernel::Single(result) | Kernel::Gated(Gated { result, .. }) = kernel {
             memory.provide(*result, graph.shape(*result));
         }

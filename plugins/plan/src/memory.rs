@@ -74,6 +74,12 @@ impl<T: Scalar> Memory<T> {
         }
     }
 
+    /// Whether two values have the same buffer.
+    pub(crate) fn is_same(&self, values: [Value; 2]) -> bool {
+        let [one, other] = values.map(|value| self.places[value.0]);
+        one == other
+    }
+
     pub(crate) fn of(&self, value: Value) -> &[T] {
         &self.buffers[self.places[value.0]]
     }

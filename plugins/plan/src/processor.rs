@@ -318,9 +318,10 @@ impl<T: Scalar> Processor<T> {
     }
 
     fn multiply_gated(&mut self, gated: &Gated) {
+        let replaces_gates = self.memory.is_same([gated.of, gated.result]);
         let mut result = self.memory.take(gated.result);
         self.multiply(gated.product, &mut result, |own| Epilogue::Gated {
-            of: own.memory.of(gated.of),
+            of: (!replaces_gates).then(|| own.memory.of(gated.of)),
             below: T::of(gated.below),
         });
         self.memory.put(gated.result, result);

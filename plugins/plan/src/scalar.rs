@@ -226,9 +226,11 @@ impl Scalar for f64 {
         let [inner, columns] = b.turned();
         for (row, entries) in product.chunks_exact_mut(columns).enumerate() {
             for (column, entry) in entries.iter_mut().enumerate() {
-                *entry = (0..inner).map(|k| a.at(row, k) * b.at(k, column)).sum();
+                let sum = [(0..inner).map(|k| a.at(row, k) * b.at(k, column)).sum()];
+                let place = row * columns + column;
+                let entry = std::slice::from_mut(entry);
+                epilogue.write_row(&sum, entry, place..place + 1, column..column + 1);
             }
-            epilogue.finish(entries, row * columns..(row + 1) * columns, 0..columns);
         }
     }
 
