@@ -2,6 +2,7 @@
 
 use super::{
     config::Plugin,
+    known_agents::KnownAgents,
     overrides::Override,
     path,
     search::LocatedSearch,
@@ -50,6 +51,8 @@ pub struct Sections<'a> {
     pub limits: &'a Limits,
     /// Known announcements of environments that were tried out before.
     pub announced: Option<&'a Announcements>,
+    /// Agents that are not built again.
+    pub known: &'a KnownAgents,
     /// Whether the study is read without a profile and options of the command line.
     pub is_as_written: bool,
 }

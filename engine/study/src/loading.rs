@@ -124,6 +124,7 @@ pub fn load_text(
         excluded: &excluded,
         limits: &limits,
         announced: options.announced.as_ref(),
+        known: &options.known,
         is_as_written: options.profile.is_none() && options.sets.is_empty() && options.seeds.is_none(),
     };
     let study = finish(&root, &sections, found)?;

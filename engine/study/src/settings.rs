@@ -6,6 +6,7 @@
 
 use super::{
     json_schema::check_structure,
+    known_agents::KnownAgents,
     path::{self, KeyPath},
     section,
     sections::StudyText,
@@ -34,6 +35,8 @@ pub struct Options {
     pub searches: BTreeMap<String, Progress>,
     /// Announcements of environments that were tried out before; every environment is tried out if absent.
     pub announced: Option<Announcements>,
+    /// Agents that are not built again.
+    pub known: KnownAgents,
 }
 
 /// Applies the profile, then `--set` in order, then `--seeds`. All profiles are checked, used or not.

@@ -3,6 +3,7 @@
 
 mod facts;
 mod going_on;
+mod own_training;
 mod stubs;
 mod tried;
 
@@ -16,9 +17,7 @@ use crate::{
     written::{NamedPart, Target},
 };
 use contract::{
-    Agent, Error, Feed, Interface, Metric, Protocol,
-    own_training::{Assignment, MEASURED, Measured},
-    panics, protocol, random,
+    Agent, Error, Feed, Interface, Metric, Protocol, panics, protocol, random,
     recorder::MOST_METRICS,
     registry::AgentEntry,
     standard_metrics::{
@@ -35,6 +34,7 @@ use std::{
     sync::Arc,
 };
 use stubs::Stubs;
+use tried::key;
 
 /// Largest number of settings for which agents are built besides one for each named pair; building networks takes time.
 const MOST_SETTINGS_BUILT: usize = 200;
@@ -231,7 +231,6 @@ impl<'a> Builder<'a> {
         let Some(facts) = self.accepted(cell)? else {
             return Ok(());
         };
-        self.extra += usize::from(!first);
         self.build_once(cell, &facts.interface, first, vocabulary)?;
         self.goes_on_well(cell, &facts.interface)?;
         if let (Some(pair), Some(entry)) = (
@@ -293,9 +292,17 @@ impl<'a> Builder<'a> {
     ) -> BuildResult<()> {
         let given = given(cell);
         self.learns_as_written(cell)?;
-        if self.agents.contains_key(&given) || !first && self.extra > MOST_SETTINGS_BUILT {
+        if self.agents.contains_key(&given) {
             return Ok(());
         }
+        if let Some(learns_after) = self.sections.known.learns_after(&key(cell)) {
+            self.agents.insert(given, learns_after);
+            return Ok(());
+        }
+        if !first && self.extra >= MOST_SETTINGS_BUILT {
+            return Ok(());
+        }
+        self.extra += usize::from(!first);
         self.agents.insert(given.clone(), FROM_THE_FIRST_STEP);
         if self.was_tried(cell) {
             return Ok(());
@@ -308,96 +315,18 @@ impl<'a> Builder<'a> {
         }
         let learns_after = built.updates().map_or(0, |updates| updates.first_after).max(1);
         self.agents.insert(given, learns_after);
-        if let Some(pair) = cell.pair().filter(|_| self.entry(cell).is_none()) {
-            self.note(cell, pair, || built.decision_metrics(), vocabulary)?;
+        match self.entry(cell) {
+            Some(entry) if entry.traits.by_config.is_none() => {
+                self.sections.known.add(key(cell), learns_after);
+            }
+            Some(_) => {}
+            None => {
+                if let Some(pair) = cell.pair() {
+                    self.note(cell, pair, || built.decision_metrics(), vocabulary)?;
+                }
+            }
         }
         Ok(())
-    }
-
-    /// Checks an agent that trains itself against its environment, and notes the metrics that it records.
-    fn note_own_training(
-        &mut self,
-        cell: &Cell,
-        built: &mut dyn Agent,
-        vocabulary: &mut Vocabulary,
-    ) -> BuildResult<()> {
-        let agent = &cell.parts[1];
-        let entry = &self.sections.registry.environments[cell.parts[0].part.plugin.as_str()];
-        let begun = self.config(cell, 0).and_then(|config| {
-            let assignment = Assignment {
-                environment: entry.named(&config),
-                ..Assignment::default()
-            };
-            built
-                .own_training()
-                .map_or(Ok(Vec::new()), |training| training.command(&assignment))
-        });
-        begun.map_err(|error| self.refused_in_environment(cell, &error))?;
-        if self.warned.insert((agent.given.target, FROM_THE_FIRST_STEP, 0)) {
-            let seeds = vocabulary.seeds.len();
-            let doubts = built
-                .own_training()
-                .map_or(Vec::new(), |training| training.doubts(seeds));
-            let doubts = doubts.iter().map(|doubt| self.refused(agent, doubt).as_warning());
-            vocabulary.warnings.extend(doubts);
-        }
-        let measured = built.own_training().and_then(|training| training.measured());
-        let recorded = built.records();
-        let refused = self.measured_otherwise(cell, measured);
-        if let Some(error) = refused.or_else(|| self.is_taken(cell, &recorded)) {
-            return Err(Box::new(self.refused(agent, &error)));
-        }
-        let Some(pair) = cell.pair() else { return Ok(()) };
-        self.note(cell, pair, || recorded, vocabulary)
-    }
-
-    /// A refusal of the words of an agent, whose values may lack in one of several environments.
-    fn refused_in_environment(&self, cell: &Cell, error: &Error) -> Box<Diagnostic> {
-        let refused = self.refused(&cell.parts[1], error);
-        let environments = &self.sections.written.environments;
-        let named = cell
-            .pair()
-            .and_then(|(environment, _)| environments.get(environment));
-        Box::new(match named.filter(|_| environments.len() > 1) {
-            Some(named) => refused.note(
-                "with this environment",
-                self.sections.sources.place(named.name_span),
-            ),
-            None => refused,
-        })
-    }
-
-    /// The error of an agent that trains itself and asks for a form of measurement that its protocol does not have.
-    fn measured_otherwise(&self, cell: &Cell, measured: Option<Measured>) -> Option<Error> {
-        let facts = self.facts(cell)?;
-        let seats = facts.interface.seats.len();
-        let problem = if cell.parts[2].given.form != Form::Own(measured) {
-            "it is said in the agent itself: no sweep, search or override can change it".to_owned()
-        } else if measured.is_some() && seats == 0 {
-            "nothing can be measured in an environment that is only named: leave it out, so that the program says its \
-             own numbers"
-                .to_owned()
-        } else if measured.is_some() && seats != 1 {
-            format!("a program is measured where one agent acts, and this environment has seats for {seats}")
-        } else {
-            return None;
-        };
-        Some(Error::config(MEASURED, problem))
-    }
-
-    /// The error of a metric whose name means something else for the agents that the protocol trains. In an environment
-    /// with seats, both may appear in one table.
-    fn is_taken(&self, cell: &Cell, recorded: &[Metric]) -> Option<Error> {
-        let facts = self.facts(cell)?;
-        let measures = self.protocols.get(cell.parts[2].id())?.as_ref()?;
-        let mut known = measures.metrics.iter().chain(&facts.metrics);
-        let taken = known.find(|known| recorded.iter().any(|it| it.name == known.name))?;
-        let problem = format!(
-            "`{}` is measured of the other agents of this environment, and another thing than a program says of \
-             itself: take another name, as `own_{}`",
-            taken.name, taken.name
-        );
-        (!facts.interface.seats.is_empty()).then(|| Error::config("metrics", problem))
     }
 
     /// Warns of a learner whose protocol ends before it begins to learn, once for each agent and length.

@@ -59,7 +59,7 @@ impl Builder<'_> {
     }
 }
 
-/// Key of the note that the agent of a cell was tried out in its environment.
-fn key(cell: &Cell) -> String {
+/// Key of the note that the agent of a cell was built or tried out in its environment.
+pub(super) fn key(cell: &Cell) -> String {
     format!("{} {}", cell.parts[1].id(), cell.parts[0].id())
 }
