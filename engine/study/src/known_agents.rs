@@ -13,7 +13,7 @@ pub struct KnownAgents {
     learns_after: Arc<Mutex<BTreeMap<String, u64>>>,
 }
 
-/// They change no study.
+/// All are equal, since they change no study.
 impl PartialEq for KnownAgents {
     fn eq(&self, _: &Self) -> bool {
         true

@@ -27,8 +27,8 @@ const PART: usize = 256;
 const AT_ONCE: usize = 4;
 const _: () = assert!(BLOCK.is_multiple_of(PART));
 
-/// Whether a product with this number of terms and columns is written once an entry, after the last term, so that it can
-/// replace its gates.
+/// Whether each entry of a product with this number of terms and columns is written once, after its last term, so that
+/// it can replace its gate.
 #[must_use]
 pub fn is_written_once(n_terms: usize, columns: usize) -> bool {
     n_terms <= BLOCK && columns > 1
@@ -83,7 +83,7 @@ impl Multiplier {
     /// Rows of zeros in the first factor are left out.
     fn multiply_rows(&mut self, a: Matrix, b: Matrix, product: &mut [f32], epilogue: Epilogue) {
         let mut others = std::mem::take(&mut self.others);
-        if others.gather(a, b) {
+        if others.gather(a, b, epilogue) {
             let (rows, products) = others.factors(a.columns, b.columns);
             self.multiply_tiles(rows, b, products, Epilogue::None);
             others.scatter(b.columns, product, epilogue);

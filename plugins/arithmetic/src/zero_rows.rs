@@ -16,14 +16,12 @@ pub(crate) struct OtherRows {
     places: Vec<usize>,
     entries: Vec<f32>,
     products: Vec<f32>,
-    /// Products of a row of zeros.
-    zeros: Vec<f32>,
 }
 
 impl OtherRows {
-    /// Copies the rows that are not zeros, if the product of each other row is +0 and there are enough of those.
-    pub(crate) fn gather(&mut self, a: Matrix, b: Matrix) -> bool {
-        if a.is_transposed || b.values.len() < FEWEST_ENTRIES {
+    /// Copies the rows that are not zeros, if each other row becomes one of +0 and there are enough of those.
+    pub(crate) fn gather(&mut self, a: Matrix, b: Matrix, epilogue: Epilogue) -> bool {
+        if a.is_transposed || b.values.len() < FEWEST_ENTRIES || !keeps_zero(epilogue) {
             return false;
         }
         let rows = || a.values.chunks_exact(a.columns);
@@ -47,7 +45,6 @@ impl OtherRows {
         others.for_each(|row| self.entries.extend_from_slice(row));
         let most = self.products.len().max(self.places.len() * b.columns);
         self.products.resize(most, 0.0);
-        self.zeros.resize(b.columns, 0.0);
         true
     }
 
@@ -58,30 +55,31 @@ impl OtherRows {
         (rows, products)
     }
 
-    /// Writes the products to their places and 0 elsewhere; each entry is changed by the epilogue.
+    /// Writes the products to their places, changed by the epilogue, and 0 elsewhere.
     pub(crate) fn scatter(&self, columns: usize, product: &mut [f32], epilogue: Epilogue) {
-        let keeps_zero = match epilogue {
-            Epilogue::None => true,
-            Epilogue::Rectified { .. } => false,
-            Epilogue::Gated { below, .. } => below.is_sign_positive() && below.is_finite(),
-        };
         let mut products = self.products.chunks_exact(columns);
         let mut places = self.places.iter().copied().peekable();
         widest(
             #[inline(always)]
             || {
                 for (place, row) in product.chunks_exact_mut(columns).enumerate() {
-                    let own = places.next_if_eq(&place).and_then(|_| products.next());
-                    if own.is_none() && keeps_zero {
-                        row.fill(0.0);
-                        continue;
-                    }
                     let first = place * columns;
-                    let sums = own.unwrap_or(&self.zeros);
-                    epilogue.write_row(sums, row, first..first + columns, 0..columns);
+                    match places.next_if_eq(&place).and_then(|_| products.next()) {
+                        Some(sums) => epilogue.write_row(sums, row, first..first + columns, 0..columns),
+                        None => row.fill(0.0),
+                    }
                 }
             },
         );
+    }
+}
+
+/// Whether an epilogue leaves +0 as it is.
+fn keeps_zero(epilogue: Epilogue) -> bool {
+    match epilogue {
+        Epilogue::None => true,
+        Epilogue::Rectified { .. } => false,
+        Epilogue::Gated { below, .. } => below.is_sign_positive() && below.is_finite(),
     }
 }
 

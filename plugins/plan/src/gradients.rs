@@ -172,8 +172,8 @@ impl Graph {
         depends: &[bool],
     ) -> Vec<(Value, Value)> {
         let mut parts = Vec::new();
-        // The gradient of a weight comes first: it is the last reader of a layer's input, which the gradient of the input
-        // then replaces.
+        // The gradient of a weight comes first: it is the last reader of a layer's input, which the gradient of the
+        // input then replaces.
         if depends[b.0] {
             let part = if turn_b {
                 self.product(gradient, a, [true, turn_a])

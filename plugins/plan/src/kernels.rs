@@ -34,17 +34,7 @@ impl Gated {
     /// Whether the result may have the buffer of the gates, if nothing else reads them.
     fn can_replace_gates(&self, graph: &Graph) -> bool {
         let node = &graph.nodes[self.product.0];
-        let [rows, columns] = graph.shape(node.operands[0]);
-        let n_terms = if matches!(
-            node.operation,
-            Operation::Product {
-                transposed: [true, _]
-            }
-        ) {
-            rows
-        } else {
-            columns
-        };
+        let n_terms = node.operation.n_terms(graph.shape(node.operands[0]));
         !node.operands.contains(&self.of) && is_written_once(n_terms, node.shape[1])
     }
 }

@@ -191,18 +191,27 @@ impl Operation {
         matches!(self, Operation::Map(_) | Operation::Combine(_))
     }
 
+    /// Number of terms of an entry of a product or a dense layer.
+    pub(crate) fn n_terms(&self, first_factor: Shape) -> usize {
+        match self {
+            Operation::Product {
+                transposed: [true, _],
+            } => first_factor[0],
+            _ => first_factor[1],
+        }
+    }
+
     /// Floating-point operations: two per term of a product, one per entry and function or summand, none for moves.
     pub(crate) fn flops(&self, operands: &[Shape], result: Shape) -> u64 {
         let n = |shape: Shape| shape[0] as u64 * shape[1] as u64;
         let all: u64 = operands.iter().map(|shape| n(*shape)).sum();
         match self {
             Operation::Dense(activation) => {
-                let per_entry = 2 * operands[0][1] as u64 + 1 + u64::from(activation.function().is_some());
+                let per_entry =
+                    2 * self.n_terms(operands[0]) as u64 + 1 + u64::from(activation.function().is_some());
                 per_entry * n(result)
             }
-            Operation::Product { transposed } => {
-                2 * operands[0][usize::from(!transposed[0])] as u64 * n(result)
-            }
+            Operation::Product { .. } => 2 * self.n_terms(operands[0]) as u64 * n(result),
             Operation::Map(Function::Repeat | Function::Stop) => 0,
             Operation::Map(_) | Operation::Combine(_) => n(result),
             Operation::SumRows | Operation::SumColumns | Operation::Sum | Operation::LargestOfColumns => all,

@@ -220,10 +220,10 @@ impl<T: Scalar> Processor<T> {
 
     fn work(&self, value: Value) -> Work {
         let node = &self.graph.nodes[value.0];
-        let [rows, columns] = node.operands.first().map_or([0; 2], |it| self.graph.shape(*it));
+        let first = node.operands.first().map_or([0; 2], |it| self.graph.shape(*it));
         let product = |transposed: [bool; 2]| Work::Product {
             transposed,
-            inner: if transposed[0] { rows } else { columns },
+            inner: node.operation.n_terms(first),
         };
         match node.operation {
             Operation::Product { transposed } => product(transposed),
