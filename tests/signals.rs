@@ -1,6 +1,9 @@
 //! Ctrl-C once: running trials save a checkpoint and the run stops; twice: at once. SIGTERM is as Ctrl-C.
 
-use crate::{program::Bench, slurm::until};
+use crate::{
+    program::{Bench, trial_files},
+    slurm::until,
+};
 use std::{
     path::PathBuf,
     process::{Child, Command, Stdio},
@@ -100,4 +103,40 @@ fn a_second_signal_ends_at_once_what_does_not_come_to_a_checkpoint() {
     send("-INT", &child);
     assert_eq!(child.wait().unwrap().code(), Some(130));
     assert!(asked.elapsed() < Duration::from_secs(5));
+}
+
+/// A search whose generations are one trial each, which learns nothing.
+const SEARCH: &str = "
+study: tuned
+environments: { cells: { battery: { cells: 2 } } }
+agents: { dsac: { dirichlet_sac: { width: 8 } } }
+protocol: { train_evaluate: { steps: 0, final_episodes: 1, trace_episodes: 0 } }
+tune:
+  rates:
+    over: { dsac.actor_learning_rate: { log_uniform: { low: 0.0001, high: 0.1 } } }
+    metric: cycle_length
+    settings: 1000
+    method: { tree_parzen: { startup: 4, batch: 1 } }
+";
+
+#[test]
+fn one_signal_stops_a_search_between_two_generations() {
+    let bench = Bench::new();
+    bench.write("tuned.yaml", SEARCH);
+    let has_begun = || bench.path("store/trials").exists();
+    let ended = || {
+        if has_begun() {
+            trial_files(&bench.path("store")).len()
+        } else {
+            0
+        }
+    };
+    for _ in 0..3 {
+        let before = ended();
+        let mut child = start(bench.command(&["run", "tuned.yaml", "-j", "1"]));
+        until("some generations are over", || ended() > before + 8);
+        send("-INT", &child);
+        assert_eq!(child.wait().unwrap().code(), Some(106));
+    }
+    assert!(ended() < 1000);
 }

@@ -12,6 +12,10 @@ use std::{
 /// The reason why a result could not be printed, as on a full disk.
 static UNSAID: OnceLock<String> = OnceLock::new();
 
+/// Set by a signal to this program. All runs of a command share it: a signal may come between two generations of a
+/// search.
+static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+
 /// Prints a result.
 pub(super) fn say(text: &str) {
     put(&plain_text::printable(text.trim_end_matches('\n')));
@@ -109,9 +113,12 @@ impl Observer for Person {
     }
 
     fn stop(&self) -> Result<Arc<AtomicBool>, Failure> {
-        let stop = Arc::new(AtomicBool::new(false));
-        listen_for_signals(&stop)?;
-        Ok(stop)
+        if STOP.get().is_none() {
+            let stop = Arc::default();
+            listen_for_signals(&stop)?;
+            let _ = STOP.set(stop);
+        }
+        Ok(Arc::clone(STOP.get_or_init(Arc::default)))
     }
 }
 

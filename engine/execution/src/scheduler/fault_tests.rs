@@ -199,6 +199,7 @@ fn workers() -> Workers {
         hosts: super::hosts::Hosts::default(),
         devices: Vec::new(),
         capacity: one_core(),
+        idle: Arc::default(),
         stop: Arc::default(),
         fail_fast: false,
         wait_for_others: true,

@@ -9,6 +9,8 @@
 #[cfg(test)]
 mod fault_tests;
 pub mod hosts;
+mod idle;
+mod local;
 mod process;
 mod queue;
 mod readiness;
@@ -20,6 +22,7 @@ mod worker;
 /// The verb that starts a worker process of this program.
 pub const WORKER: &str = "trial-worker";
 
+pub use idle::IdleWorkers;
 pub use readiness::is_ready;
 pub use worker::{Reply, Request, serve};
 
@@ -183,6 +186,8 @@ pub struct Workers {
     /// The devices of the worker processes here, which are assigned in turn, each in the form of
     /// [`device::VARIABLE`](crate::device::VARIABLE); empty if learners compute in these processes.
     pub devices: Vec<String>,
+    /// Worker processes of earlier runs of this program, which the trials of this run take over.
+    pub idle: Arc<IdleWorkers>,
     /// Set from outside to stop: no new trial starts, and running ones save a checkpoint and exit.
     pub stop: Arc<AtomicBool>,
     /// Whether to stop at the first trial that does not end `ok`.
@@ -237,7 +242,10 @@ pub fn run(
                 };
                 let (machine, child) = (places[number], &children[number]);
                 let runner: Box<dyn slot::Runner + Send> = match workers.hosts.all.get(machine) {
-                    None => Box::new(process::Worker::new(&program, device_of(workers, number), child)),
+                    None => {
+                        let device = device_of(workers, number);
+                        Box::new(local::Local::new(&program, device, child, &workers.idle))
+                    }
                     Some(host) => Box::new(hosts::Remote::new(host, store, child)),
                 };
                 let mut slot = slot::Slot::new((number, machine), shared, runner, events);

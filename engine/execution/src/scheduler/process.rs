@@ -2,128 +2,22 @@
 
 use super::{
     silence::{Silence, WatchedReader},
-    slot::{RequestOutcome, Runner},
-    worker::{Message, Reply, Request},
+    worker::Message,
 };
 use crate::{
-    device,
     footprint::{exceeded, family},
-    guard,
     limits::Limits,
-    store::{Store, work},
     world::{
         clock,
         process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Signal, Stdio, end_group, signal},
     },
 };
 use contract::{Error, trial_end::EndState};
-use document::input_file;
 use std::{
-    io::{self, BufRead, BufReader, Write},
-    path::Path,
+    io::{self, BufReader, Write},
     sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError},
     time::{Duration, Instant},
 };
-
-/// Time in which a signal to a run reaches the process that schedules, once it reached one that computes.
-const TOLD: Duration = Duration::from_millis(300);
-
-/// Runs the trials of one slot in a process, which is replaced when it dies.
-pub(super) struct Worker<'a> {
-    program: &'a Path,
-    device: Option<&'a str>,
-    process: &'a WorkerProcess,
-    replies: Option<Replies>,
-}
-
-impl<'a> Worker<'a> {
-    /// A worker without a process yet; `program` will be started, with a device for its learners.
-    pub(super) fn new(program: &'a Path, device: Option<&'a str>, process: &'a WorkerProcess) -> Self {
-        Self {
-            program,
-            device,
-            process,
-            replies: None,
-        }
-    }
-}
-
-impl Runner for Worker<'_> {
-    fn run(
-        &mut self,
-        request: Request,
-        limits: &Arc<Limits>,
-        progress: &mut dyn FnMut(u64, u64),
-    ) -> Result<RequestOutcome, Error> {
-        let place = work(&Store::at(&request.store).folder(&request.trial.id));
-        let notes = place.join(guard::NOTES);
-        let message = serde_json::to_string(&Message::Run(Box::new(request)));
-        let message = message.map_err(|source| Error::Worker {
-            problem: source.to_string(),
-        })?;
-        let mut replies = match self.replies.take() {
-            Some(replies) => replies,
-            None => self.process.start(&mut worker(self.program, self.device), None)?,
-        };
-        // An earlier run may have been killed. The wait for its program does not count towards the limits.
-        guard::end_leftover(&notes);
-        self.process.begin(&message, limits);
-        let Some(reply) = listen(&mut replies, progress) else {
-            let (status, exceeded) = self.process.bury();
-            let by_limit = exceeded.is_some();
-            // A program outlives its worker by its grace at most; the trial ends with it.
-            guard::end_leftover(&notes);
-            if is_stop(status) {
-                // A signal that stops all processes of a run also reaches the scheduling one, which decides what
-                // follows.
-                clock::sleep(TOLD);
-            }
-            let (state, reason) = exceeded.unwrap_or_else(|| explain(status));
-            return Ok(RequestOutcome::Died {
-                state,
-                reason,
-                by_limit,
-            });
-        };
-        // A process whose trial panicked exits after reporting it.
-        if matches!(&reply, Reply::Ended { end } if end.state == EndState::Panicked) {
-            self.process.dismiss();
-        } else if self.process.end() {
-            self.replies = Some(replies);
-        }
-        Ok(RequestOutcome::Said(reply))
-    }
-
-    fn dismiss(&mut self) {
-        self.process.dismiss();
-    }
-}
-
-/// The command of a worker process.
-fn worker(program: &Path, device: Option<&str>) -> Command {
-    let mut command = Command::new(program);
-    command
-        .arg(super::WORKER)
-        .envs(input_file::asked().map(|size| (input_file::VARIABLE, size.to_string())))
-        .envs(device.map(|address| (device::VARIABLE, address)));
-    command
-}
-
-/// Passes on the messages of the process until its last one; `None` if it died without one.
-fn listen(replies: &mut Replies, progress: &mut dyn FnMut(u64, u64)) -> Option<Reply> {
-    loop {
-        let mut line = String::new();
-        if replies.read_line(&mut line).unwrap_or(0) == 0 {
-            return None;
-        }
-        match serde_json::from_str(&line) {
-            Ok(Reply::Progress { done, total }) => progress(done, total),
-            Ok(last) => return Some(last),
-            // Other output of a plugin on standard output is skipped.
-            Err(_) => {}
-        }
-    }
-}
 
 /// Messages of a process.
 pub(super) type Replies = BufReader<WatchedReader<ChildStdout>>;
@@ -141,7 +35,7 @@ pub(super) struct WorkerProcess {
     process: Mutex<Option<Process>>,
 }
 
-struct Process {
+pub(super) struct Process {
     child: Child,
     /// Pipe to the process. It has its own lock, which is held while writing, so that a process that accepts no input
     /// can still be ended.
@@ -158,6 +52,30 @@ struct ActiveRequest {
     told_to_stop: bool,
     /// The exceeded limit, set before the process is ended because of it.
     exceeded: Option<(EndState, String)>,
+}
+
+impl Process {
+    /// Whether the process has not ended yet.
+    pub(super) fn is_alive(&mut self) -> bool {
+        matches!(self.child.try_wait(), Ok(None))
+    }
+
+    /// Lets an idle process exit by ending its input. A process that does not exit is ended.
+    pub(super) fn dismiss(self) {
+        let Self {
+            mut child, requests, ..
+        } = self;
+        drop(requests);
+        let asked = clock::now();
+        while matches!(child.try_wait(), Ok(None)) {
+            if clock::since(asked) > LEAVES_WITHIN {
+                let _ = child.kill();
+                let _ = child.wait();
+                return;
+            }
+            clock::sleep(Duration::from_millis(2));
+        }
+    }
 }
 
 impl WorkerProcess {
@@ -186,6 +104,16 @@ impl WorkerProcess {
         });
         let pipe = replies;
         Ok(BufReader::new(WatchedReader { pipe, silence }))
+    }
+
+    /// Takes over a process that serves no other slot.
+    pub(super) fn adopt(&self, process: Process) {
+        *self.lock() = Some(process);
+    }
+
+    /// Gives the process away.
+    pub(super) fn release(&self) -> Option<Process> {
+        self.lock().take()
     }
 
     /// Sends bytes to an idle process. A process that accepts none blocks only its slot.
@@ -243,25 +171,9 @@ impl WorkerProcess {
         }
     }
 
-    /// Lets an idle process exit by ending its input. A process that does not exit is ended.
+    /// Lets an idle process exit.
     pub(super) fn dismiss(&self) {
-        let process = self.lock().take();
-        let Some(Process {
-            mut child, requests, ..
-        }) = process
-        else {
-            return;
-        };
-        drop(requests);
-        let asked = clock::now();
-        while matches!(child.try_wait(), Ok(None)) {
-            if clock::since(asked) > LEAVES_WITHIN {
-                let _ = child.kill();
-                let _ = child.wait();
-                return;
-            }
-            clock::sleep(Duration::from_millis(2));
-        }
+        self.release().into_iter().for_each(Process::dismiss);
     }
 
     /// Tells a busy process, once, to save a checkpoint and stop. From now on a shorter silence is allowed, even if it
@@ -340,36 +252,10 @@ impl WorkerProcess {
     }
 }
 
-/// Whether a process was ended by a signal with which users, terminals and batch systems stop programs.
-fn is_stop(status: Option<ExitStatus>) -> bool {
-    use std::os::unix::process::ExitStatusExt;
-    status
-        .and_then(|status| status.signal())
-        .is_some_and(|signal| [1, 2, 10, 15].contains(&signal))
-}
-
-fn explain(status: Option<ExitStatus>) -> (EndState, String) {
-    use std::os::unix::process::ExitStatusExt;
-    let Some(status) = status else {
-        return (EndState::Killed, "the worker process vanished".into());
-    };
-    match (status.signal(), status.code()) {
-        // A Rust program that cannot unwind ends itself by SIGABRT.
-        (Some(6), _) => (EndState::Panicked, "the worker process aborted".into()),
-        (Some(signal), _) => (
-            EndState::Killed,
-            format!("the worker process was ended by signal {signal}"),
-        ),
-        (None, code) => (
-            EndState::Killed,
-            format!("the worker process left with exit code {}", code.unwrap_or(-1)),
-        ),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::BufRead;
 
     /// A process that is silent on both pipes and has descendants that hold them.
     fn silent(shared: &WorkerProcess, patience: Duration) -> Replies {

@@ -14,12 +14,12 @@ use contract::{
 use std::{
     cmp::Reverse,
     collections::{BTreeMap, BTreeSet, HashMap},
-    sync::{Mutex, MutexGuard, PoisonError},
+    sync::{Condvar, Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
 
-/// Interval between two attempts to find a trial while others run.
-const BUSY_FOR: Duration = Duration::from_millis(50);
+/// Time after which a waiting slot looks for a stop request.
+const LONGEST_WAIT: Duration = Duration::from_millis(50);
 
 /// Time for which a trial that another program has is left alone.
 const HELD_FOR: Duration = Duration::from_millis(300);
@@ -28,8 +28,8 @@ const HELD_FOR: Duration = Duration::from_millis(300);
 pub(super) enum NextStep {
     /// Try this trial.
     Try(TrialAttempt),
-    /// Wait: no trial is due yet.
-    Wait(Duration),
+    /// Ask again: no trial was due while this was waited for.
+    Wait,
     /// Exit: no trial is left.
     Done,
 }
@@ -53,6 +53,8 @@ pub(super) struct Queue<'a> {
     /// Tasks that take from a trial, by the id of that trial.
     takers: HashMap<&'a str, Vec<usize>>,
     state: Mutex<QueueState<'a>>,
+    /// Notified when a slot gives its trial back.
+    changed: Condvar,
 }
 
 struct QueueState<'a> {
@@ -118,6 +120,7 @@ impl<'a> Queue<'a> {
             tasks,
             takers,
             state: Mutex::new(state),
+            changed: Condvar::new(),
         }
     }
 
@@ -139,7 +142,7 @@ impl<'a> Queue<'a> {
     }
 
     /// The next step of a slot of a machine; the slot reports on its trial by [`Queue::done`],
-    /// [`Queue::retry`] or [`Queue::held`].
+    /// [`Queue::retry`] or [`Queue::held`]. Without a trial that is due it returns when one may be.
     pub(super) fn next(&self, machine: usize) -> NextStep {
         let mut state = self.lock();
         let now = clock::now();
@@ -151,12 +154,13 @@ impl<'a> Queue<'a> {
         }
         let could_fit = |task: usize| state.pools[machine].could_fit(&self.tasks[task].needs);
         let later = state.later.iter().filter(|later| could_fit(later.turn.task));
-        match later.map(|later| later.due).min() {
-            Some(due) if due > now => NextStep::Wait(due.saturating_duration_since(now)),
-            Some(_) => NextStep::Wait(BUSY_FOR),
-            None if !state.busy.is_empty() => NextStep::Wait(BUSY_FOR),
-            None => NextStep::Done,
-        }
+        let wait = match later.map(|later| later.due).min() {
+            Some(due) if due > now => due.saturating_duration_since(now).min(LONGEST_WAIT),
+            None if state.busy.is_empty() => return NextStep::Done,
+            _ => LONGEST_WAIT,
+        };
+        clock::wait_for(&self.changed, state, wait);
+        NextStep::Wait
     }
 
     /// Ends a trial that needs no further attempt; trials that take from it may become ready.
@@ -171,6 +175,7 @@ impl<'a> Queue<'a> {
                 state.ready.insert((Reverse(path), taker));
             }
         }
+        self.changed.notify_all();
     }
 
     /// Puts a trial back for another attempt after a wait.
@@ -181,6 +186,7 @@ impl<'a> Queue<'a> {
             due: clock::now() + wait,
             turn,
         });
+        self.changed.notify_all();
     }
 
     /// Puts back a trial that cannot begin yet, because another program has it or its source.
@@ -285,7 +291,7 @@ fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>, paces: 
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use contract::{
         cast::Actors,
@@ -294,7 +300,7 @@ mod tests {
         trial::{Trial, TrialCell, TrialKey},
     };
 
-    fn trial(id: &str) -> Trial {
+    pub(in crate::scheduler) fn trial(id: &str) -> Trial {
         let part = || Part::new("x", 1, serde_json::Value::Null);
         let (environment, agent, protocol) = (part(), Actors::Agent(part()), part());
         let key = TrialKey {
@@ -334,7 +340,7 @@ mod tests {
     fn next(queue: &Queue<'_>) -> Option<usize> {
         match queue.next(0) {
             NextStep::Try(turn) => Some(turn.task),
-            NextStep::Wait(_) | NextStep::Done => None,
+            NextStep::Wait | NextStep::Done => None,
         }
     }
 
@@ -356,7 +362,7 @@ mod tests {
         );
         queue.done(2);
         assert!(
-            matches!(queue.next(0), NextStep::Wait(_)),
+            matches!(queue.next(0), NextStep::Wait),
             "what is running may be waited for"
         );
         queue.done(0);
@@ -475,7 +481,7 @@ mod tests {
         let queue = Queue::new(&tasks, machines);
         assert_eq!(next(&queue), Some(1));
         assert!(
-            matches!(queue.next(0), NextStep::Wait(_)),
+            matches!(queue.next(0), NextStep::Wait),
             "what runs may be tried again"
         );
         queue.done(1);

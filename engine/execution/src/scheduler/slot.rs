@@ -163,7 +163,7 @@ impl<'a, R: Runner> Slot<'a, R> {
                         return Err(error);
                     }
                 }
-                NextStep::Wait(wait) => clock::sleep(wait.min(Duration::from_millis(50))),
+                NextStep::Wait => {}
                 NextStep::Done => break,
             }
         }

@@ -7,7 +7,10 @@
 
 pub use contract::clock::{now, since};
 
-use std::time::{Duration, SystemTime};
+use std::{
+    sync::{Condvar, MutexGuard},
+    time::{Duration, SystemTime},
+};
 
 /// The date and time of this machine, which may be wrong and may jump.
 pub fn date() -> SystemTime {
@@ -25,4 +28,15 @@ pub fn sleep(wait: Duration) {
         return;
     }
     std::thread::sleep(wait);
+}
+
+/// Unlocks the mutex and suspends this thread until `changed` is notified, for `longest` at most. A simulated process
+/// always waits for `longest`.
+pub fn wait_for<T>(changed: &Condvar, guard: MutexGuard<'_, T>, longest: Duration) {
+    #[cfg(test)]
+    if super::simulated::process_id().is_some() {
+        drop(guard);
+        return sleep(longest);
+    }
+    drop(changed.wait_timeout(guard, longest));
 }

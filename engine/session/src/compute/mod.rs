@@ -17,7 +17,7 @@ use execution::{
     device::{DeviceKind, Server},
     limits::Limits,
     pace::Paces,
-    scheduler::{self, Event, Task, Workers, hosts::Hosts},
+    scheduler::{self, Event, IdleWorkers, Task, Workers, hosts::Hosts},
     store::Store,
 };
 use std::{
@@ -45,12 +45,13 @@ pub(crate) struct Compute<'a> {
     pub(crate) hosts: Hosts,
     /// The device of learners; none where they compute in the worker processes.
     pub(crate) device: Option<&'a DeviceKind>,
+    /// Worker processes between two generations of a search, or two looks. They exit before the device does.
+    pub(crate) idle: Arc<IdleWorkers>,
     /// The processes of the device; empty until the first trial is about to run.
     pub(crate) servers: OnceCell<Vec<Server>>,
     /// Whether trials that ended in another state than `ok` run again.
     pub(crate) retry_failed: bool,
-    /// Whether this is the whole command and not a part of one. The whole command checks stored trials first and waits
-    /// for trials that other programs run.
+    /// Whether this is the whole command, which checks stored trials first and waits for trials of other programs.
     pub(crate) whole: bool,
     /// Trials that ended `ok` and whose metrics this command has found whole.
     pub(crate) sound: RefCell<BTreeSet<String>>,
@@ -91,6 +92,7 @@ impl<'a> Compute<'a> {
             hosts: Hosts::default(),
             device: None,
             servers: OnceCell::new(),
+            idle: Arc::default(),
             retry_failed: false,
             whole: true,
             sound: RefCell::default(),
@@ -139,11 +141,8 @@ impl Compute<'_> {
         if let Some(words) = self.failed(ends_now) {
             self.session.notice(&words);
         }
-        let left = tasks
-            .iter()
-            .zip(&now)
-            .enumerate()
-            .filter(|(_, (task, end))| is_missing(end.as_ref()) && !has_paused(task, &store));
+        let left = tasks.iter().zip(&now).enumerate();
+        let left = left.filter(|(_, (task, end))| is_missing(end.as_ref()) && !has_paused(task, &store));
         let left: Vec<_> = left
             .map(|(place, (task, _))| (task, ran.blocked.contains(&place)))
             .collect();
@@ -300,6 +299,7 @@ impl Compute<'_> {
                 .flatten()
                 .map(Server::address)
                 .collect(),
+            idle: Arc::clone(&self.idle),
             stop: Arc::clone(stop),
             fail_fast: self.fail_fast,
             wait_for_others: self.whole,

@@ -8,7 +8,9 @@ use super::wire::{ALIVE_EVERY, FromHost, Order, StudyFile, ToHost, broken, hear,
 use crate::{
     limits::Limits,
     scheduler::{
-        process::{Worker, WorkerProcess},
+        idle::IdleWorkers,
+        local::Local,
+        process::WorkerProcess,
         slot::{RequestOutcome, Runner},
         worker::{Reply, Request},
     },
@@ -119,7 +121,8 @@ impl Relay {
             std::process::exit(0);
         });
         self.watch();
-        let mut runner = Worker::new(&self.program, None, &self.process);
+        let idle = IdleWorkers::default();
+        let mut runner = Local::new(&self.program, None, &self.process, &idle);
         while let Ok(message) = heard.recv() {
             self.answer(message, &mut runner, &output)?;
         }
@@ -144,7 +147,7 @@ impl Relay {
         });
     }
 
-    fn answer(&self, message: Delivery, runner: &mut Worker<'_>, output: &Output) -> Result<(), Error> {
+    fn answer(&self, message: Delivery, runner: &mut Local<'_>, output: &Output) -> Result<(), Error> {
         let done = match message {
             Delivery::Has(trial) => {
                 let end = self.store.sound(&trial).ok().flatten();
@@ -190,7 +193,7 @@ impl Relay {
         outcome
     }
 
-    fn run(&self, order: Order, runner: &mut Worker<'_>, output: &Output) -> Result<(), Error> {
+    fn run(&self, order: Order, runner: &mut Local<'_>, output: &Output) -> Result<(), Error> {
         let id = order.request.trial.id.clone();
         match self.leases.claim(&id) {
             Ok(Claim::Mine) => {}
@@ -209,7 +212,7 @@ impl Relay {
     fn under_lease(
         &self,
         order: Order,
-        runner: &mut Worker<'_>,
+        runner: &mut Local<'_>,
         output: &Output,
     ) -> Result<RequestOutcome, Error> {
         // The connection may have broken before the end was sent. A failure is tried again, as requested.
