@@ -95,7 +95,7 @@ impl Runner for Local<'_> {
                 by_limit,
             });
         };
-        // A process whose trial panicked, or was stopped by a signal, exits after reporting it.
+        // A process whose trial panicked exits after reporting it; one whose trial was stopped by a signal does, too.
         let panicked = matches!(&reply, Reply::Ended { end } if end.state == EndState::Panicked);
         if panicked || matches!(reply, Reply::Stopped) {
             self.process.dismiss();
@@ -175,7 +175,7 @@ fn explain(status: Option<ExitStatus>) -> (EndState, String) {
 mod tests {
     use super::*;
     use crate::scheduler::queue::tests::trial;
-    use std::{fs, os::unix::fs::PermissionsExt as _};
+    use std::fs;
 
     /// A worker that refuses every trial and gives its process id as the reason.
     const REFUSING: &str =
@@ -204,9 +204,13 @@ mod tests {
     #[test]
     fn slots_of_later_runs_take_over_living_processes_with_their_device() {
         let folder = tempfile::tempdir().unwrap();
-        let program = folder.path().join("worker");
-        fs::write(&program, REFUSING).unwrap();
-        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+        // A file that this process wrote could not be started while a test beside this one starts a process.
+        let write = r#"printf %s "$1" > "$0" && chmod 755 "$0""#;
+        let written = Command::new("sh")
+            .args(["-c", write])
+            .args([folder.path().join("worker").as_os_str(), REFUSING.as_ref()])
+            .status();
+        assert!(written.unwrap().success());
         let idle = IdleWorkers::default();
         let process_of = |device| process_of_slot(folder.path(), device, &idle);
 
