@@ -38,6 +38,7 @@ use contract::{
 };
 use queue::Queue;
 use std::{
+    path::Path,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -240,14 +241,8 @@ pub fn run(
                     queue: &queue,
                     halt: &halt,
                 };
-                let (machine, child) = (places[number], &children[number]);
-                let runner: Box<dyn slot::Runner + Send> = match workers.hosts.all.get(machine) {
-                    None => {
-                        let device = device_of(workers, number);
-                        Box::new(local::Local::new(&program, device, child, &workers.idle))
-                    }
-                    Some(host) => Box::new(hosts::Remote::new(host, store, child)),
-                };
+                let machine = places[number];
+                let runner = runner((number, machine), &program, &shared, &children[number]);
                 let mut slot = slot::Slot::new((number, machine), shared, runner, events);
                 scope.spawn(move || slot.work())
             })
@@ -272,6 +267,25 @@ pub fn run(
         watcher.thread().unpark();
         outcome
     })
+}
+
+/// The runner of a slot, by the numbers of the slot and of its machine.
+fn runner<'a>(
+    (number, machine): (usize, usize),
+    program: &'a Path,
+    shared: &slot::SlotContext<'a>,
+    process: &'a process::WorkerProcess,
+) -> Box<dyn slot::Runner + Send + 'a> {
+    let workers = shared.workers;
+    match workers.hosts.all.get(machine) {
+        None => Box::new(local::Local::new(
+            program,
+            device_of(workers, number),
+            process,
+            &workers.idle,
+        )),
+        Some(host) => Box::new(hosts::Remote::new(host, shared.store, process)),
+    }
 }
 
 /// The device of a slot. Devices are assigned in turn.
