@@ -3,6 +3,8 @@
 //! One thread per worker slot owns one child process, here or on a host ([`hosts`]), and takes trials from a common
 //! queue. A trial begins only under its lease, so that several programs can work on one store. The child runs the
 //! trial, writes it to the store and reports its end; a child that dies is replaced, and only its trial is affected.
+//! At the end of a run the children of this machine wait for the next one ([`IdleWorkers`]).
+//!
 //! One watching thread renews the leases, enforces the limits of time and memory, and passes on the stop request. Every
 //! event reaches the caller as an [`Event`] on one channel, so that a single owner decides what is shown.
 

@@ -28,7 +28,7 @@ const HELD_FOR: Duration = Duration::from_millis(300);
 pub(super) enum NextStep {
     /// Try this trial.
     Try(TrialAttempt),
-    /// Ask again: no trial was due while this was waited for.
+    /// Ask again: the wait for a trial is over.
     Wait,
     /// Exit: no trial is left.
     Done,
@@ -142,7 +142,7 @@ impl<'a> Queue<'a> {
     }
 
     /// The next step of a slot of a machine; the slot reports on its trial by [`Queue::done`],
-    /// [`Queue::retry`] or [`Queue::held`]. Without a trial that is due it returns when one may be.
+    /// [`Queue::retry`] or [`Queue::held`]. If no trial is due, it waits until one may be.
     pub(super) fn next(&self, machine: usize) -> NextStep {
         let mut state = self.lock();
         let now = clock::now();
