@@ -3,6 +3,7 @@
 use super::*;
 use crate::claim::parse;
 use proptest::prelude::*;
+use statistics::{MeanEstimate, comparison::two_sample_permutation_test, statement::StatementOutcome};
 
 /// Evaluates `text`; agent `a` has `left` and `b` has `right`, both with seeds counted from the given first one.
 fn outcome(text: &str, (first_a, a): (u64, &[f64]), (first_b, b): (u64, &[f64])) -> ClaimVerdict {
