@@ -335,7 +335,11 @@ fn importance_of_too_few_settings_is_refused_before_anything_runs() {
 fn what_a_search_saw_is_drawn() {
     let bench = Bench::new();
     let study = STUDY.replace("settings: 9\n", "settings: 12\n");
-    let figures = "figures:\n  keys: { importance: { search: rates } }\n  tried: { parallel_coordinates: { search: rates } }\n";
+    let labels = "labels: { policy_layers: layers of the policy, cycle_length: cycles }";
+    let figures = format!(
+        "figures:\n  keys: {{ importance: {{ search: rates }}, {labels} }}\n  \
+         tried: {{ parallel_coordinates: {{ search: rates }}, {labels} }}\n"
+    );
     bench.write("tuned.yaml", &format!("{study}{figures}"));
     bench.ok(&["run", "tuned.yaml", "-j", "2"]);
     let read = |name: &str| {
@@ -365,9 +369,11 @@ fn what_a_search_saw_is_drawn() {
         (4, 49),
         "{keys}\n{tried}"
     );
-    for key in ["actor learning rate", "policy layers", "target entropy"] {
+    for key in ["actor learning rate", "layers of the policy", "target entropy"] {
         assert!(keys.replace('_', " ").contains(key), "{keys}");
+        assert!(tried.contains(key), "{tried}");
     }
+    assert!(tried.contains("cycles"), "{tried}");
     let report = std::fs::read_to_string(bench.path("results/tuned/report.md")).unwrap();
     assert!(report.contains("% of the variance"), "{report}");
 }

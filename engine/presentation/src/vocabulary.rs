@@ -75,6 +75,8 @@ pub struct KnownSearch {
     pub name: String,
     /// The metric by which it compares settings.
     pub metric: String,
+    /// The names of its keys where they appear side by side.
+    pub keys: Vec<String>,
     /// Number of settings that can run to their ends.
     pub ends: usize,
 }

@@ -22,7 +22,7 @@ pub use progress::Progress;
 pub use proposals::Proposals;
 pub use range::{Numbers, Range};
 
-use contract::{digest, random, trial_end::EndState};
+use contract::{digest, random, sweep_point::names, trial_end::EndState};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -275,6 +275,13 @@ impl Search {
             return Next::Chosen(self.best(tried, |_| true), stops);
         }
         Next::Try(points, stops)
+    }
+
+    /// The names of its keys where they appear side by side.
+    #[must_use]
+    pub fn key_names(&self) -> Vec<&str> {
+        let keys: Vec<&str> = self.keys.iter().map(|(key, _)| key.as_str()).collect();
+        names(&keys)
     }
 
     /// Number of settings that can run to their ends.

@@ -4,12 +4,13 @@ use super::{
     Figure, FigureSpec,
     build::{Context, count, label, problem, spaced},
     chart::{Chart, Panel, Point, Scale, Series, Style},
-    searched::CompletedSettings,
+    searched::{CompletedSettings, key_names},
     shape::Shape,
 };
 use crate::{
     kinds::KindSpec,
     names::{Names, Place},
+    vocabulary::Vocabulary,
 };
 use analysis::search::importance::{FEWEST, Importance, TREES, importance};
 use contract::Error;
@@ -62,6 +63,10 @@ impl Figure for ImportanceFigure {
             let help = "give the search more `settings`, in a profile too";
             names.say(at.value("search"), message, help);
         }
+    }
+
+    fn further_names(&self, vocabulary: &Vocabulary) -> Vec<String> {
+        key_names(&self.search, vocabulary)
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {

@@ -2,15 +2,16 @@
 
 use super::{
     Figure, FigureSpec,
-    build::{Context, count, label, spaced},
+    build::{Context, count, spaced},
     chart::{Chart, Hue, Panel, Point, Scale, Series, Style},
-    searched::CompletedSettings,
+    searched::{CompletedSettings, key_names},
     shape::Shape,
     ticks::{self, Tick},
 };
 use crate::{
     kinds::KindSpec,
     names::{Names, Place},
+    vocabulary::Vocabulary,
 };
 use analysis::search::Range;
 use contract::{Error, sweep_point::word};
@@ -50,6 +51,10 @@ impl KindSpec for ParallelCoordinates {
 impl Figure for ParallelCoordinates {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         names.search(&self.search, at);
+    }
+
+    fn further_names(&self, vocabulary: &Vocabulary) -> Vec<String> {
+        key_names(&self.search, vocabulary)
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
@@ -124,9 +129,9 @@ fn points(searched: &CompletedSettings<'_>, at: usize, (low, high): (f64, f64)) 
 
 /// The names of the axes: the keys, and the metric.
 fn names(searched: &CompletedSettings<'_>, spec: &FigureSpec) -> Vec<String> {
-    let keys = searched.keys().into_iter().map(|key| label(spec, &spaced(key)));
-    keys.chain([label(spec, &spaced(&searched.result.search.metric))])
-        .collect()
+    let by = searched.result.search.metric.as_str();
+    let labelled = |name: &str| spec.labels.get(name).cloned().unwrap_or_else(|| spaced(name));
+    searched.keys().into_iter().chain([by]).map(labelled).collect()
 }
 
 /// The ticks of the axes: the values of each key, and those of the metric between the drawn ends.

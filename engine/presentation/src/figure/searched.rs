@@ -1,8 +1,9 @@
 //! Settings of a search that were completed, as places in their ranges, for figures.
 
 use super::build::{Context, problem};
+use crate::vocabulary::Vocabulary;
 use analysis::results::{SearchResult, TriedSetting};
-use contract::{Error, sweep_point::names};
+use contract::Error;
 
 /// Settings that were trained to the end.
 pub(super) struct CompletedSettings<'a> {
@@ -52,15 +53,14 @@ impl<'a> CompletedSettings<'a> {
 
     /// The keys by their last words, or in full if last words are not unique.
     pub(super) fn keys(&self) -> Vec<&'a str> {
-        let all: Vec<&str> = self
-            .result
-            .search
-            .keys
-            .iter()
-            .map(|(key, _)| key.as_str())
-            .collect();
-        names(&all)
+        self.result.search.key_names()
     }
+}
+
+/// The names of the keys of a search, which labels may replace.
+pub(super) fn key_names(search: &str, vocabulary: &Vocabulary) -> Vec<String> {
+    let known = vocabulary.searches.iter().find(|it| it.name == search);
+    known.map_or_else(Vec::new, |known| known.keys.clone())
 }
 
 fn shares(result: &SearchResult, tried: &TriedSetting) -> Option<Vec<f64>> {

@@ -91,6 +91,7 @@ pub fn build(sections: &Sections<'_>, cells: &Cells, seeds: &[u64]) -> Result<Vo
             .map(|it| KnownSearch {
                 name: it.search.name.clone(),
                 metric: it.search.metric.clone(),
+                keys: it.search.key_names().into_iter().map(Into::into).collect(),
                 ends: it.search.n_ends(),
             })
             .collect(),
