@@ -189,3 +189,12 @@ fn a_store_that_is_not_there_is_seen_as_empty_and_not_made() {
         wrong.err
     );
 }
+
+#[test]
+fn a_metric_that_no_trial_records_is_refused() {
+    let bench = bench();
+    let refused = bench.run(&["watch", "long.yaml", "--once", "--metric", "cycle_lenght"]);
+    assert_eq!(refused.code, 2, "{}", refused.err);
+    let said = "no trial records `cycle_lenght`: did you mean `cycle_length`?";
+    assert!(refused.err.contains(said), "{}", refused.err);
+}

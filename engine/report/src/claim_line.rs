@@ -1,6 +1,12 @@
 //! Lines of claims: each claim in each environment and setting, with its verdict.
 
-use super::{floors, notes::with_agents, rounds::RoundVerdict, study_info::StudyInfo};
+use super::{
+    claim_settings::{lacking, of_setting, settings},
+    floors,
+    notes::with_agents,
+    rounds::RoundVerdict,
+    study_info::StudyInfo,
+};
 use analysis::{
     claim::{self, Aggregate, Claim, ClaimOutcome, ClaimVerdict, NumberOrigin, Operand, evaluate},
     cross_play::Encounters,
@@ -57,6 +63,17 @@ impl ClaimLine {
         let open = claim.verdict.is_open();
         let more = claim.more_seeds.filter(|_| open)?;
         u32::try_from(claim.n).ok().map(|n| n + more)
+    }
+
+    /// The claim with its environment and setting, unless its text ends with them.
+    #[must_use]
+    pub fn in_place(&self) -> String {
+        let place = format!(" in {}", self.place);
+        if self.place.is_empty() || self.spec.claim.ends_with(&place) {
+            self.spec.claim.clone()
+        } else {
+            format!("{}{place}", self.spec.claim)
+        }
     }
 
     /// Word of the verdict, [`UNREAD`] where the claim cannot be read.
@@ -343,6 +360,7 @@ fn held_in<'r>(
         is_there.then(|| name.to_owned())
     };
     verdict.notes = with_agents(notes, results, Programs::OnlyLacking, named);
+    verdict.notes.extend(lacking(claim, scope, setting));
     JudgedClaim {
         verdict,
         min_effect,
@@ -422,44 +440,6 @@ fn trials_behind<'r>(
         Some(within) => Encounters::of(results, &within.play).trials(&[(&within.role, &operand.agent)]),
         None => of_setting(scope, operand, setting).trials,
     }
-}
-
-/// The trials of an operand's agent, in one setting where it has several.
-fn of_setting<'r>(scope: &Scope<'r>, operand: &Operand, setting: Option<&str>) -> Scope<'r> {
-    let scope = told_apart(scope, operand);
-    match setting.filter(|_| scope.varies(Axis::Setting)) {
-        Some(setting) => scope.at(Axis::Setting, setting),
-        None => scope,
-    }
-}
-
-/// The trials of an operand's agent that have the values of swept keys that the claim names.
-fn told_apart<'r>(scope: &Scope<'r>, operand: &Operand) -> Scope<'r> {
-    let mut scope = scope.at(Axis::Agent, &operand.agent);
-    if let Some(environment) = &operand.environment {
-        scope = scope.at(Axis::Environment, environment);
-    }
-    scope
-        .trials
-        .retain(|trial| operand.is_at(&trial.trial.cell.point));
-    scope
-}
-
-/// The settings in which a claim is evaluated one by one: those of its agents with several. Settings are never
-/// pooled.
-fn settings(claim: &Claim, scope: &Scope<'_>) -> Vec<Option<String>> {
-    let mut settings: Vec<Option<String>> = Vec::new();
-    for operand in claim.operands() {
-        let own = told_apart(scope, operand).names(Axis::Setting, &[]);
-        let new = own
-            .iter()
-            .filter(|_| own.len() > 1)
-            .cloned()
-            .map(Some)
-            .filter(|setting| !settings.contains(setting));
-        settings.extend(new.collect::<Vec<_>>());
-    }
-    if settings.is_empty() { vec![None] } else { settings }
 }
 
 /// Values by seed below a limit of an agent in a role of a play: the mean over its trained opponents, with seeds

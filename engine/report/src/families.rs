@@ -51,7 +51,7 @@ pub fn take_together(studies: &mut [Verdicts]) {
     for lines in families.values_mut() {
         let strictest: Vec<Option<f64>> = lines.iter().map(|it| it.strictest).collect();
         for (line, is_decided) in lines.iter_mut().zip(holm(&strictest)) {
-            let falls = line.is_decided() && !is_decided;
+            let falls = line.is_decided_alone() && !is_decided;
             line.together = falls.then(|| Verdict::Inconclusive.word().to_owned());
         }
     }
@@ -67,11 +67,10 @@ pub fn families(studies: &[Verdicts]) -> Vec<Family> {
         family.family.clone_from(name);
         family.studies += 1;
         for line in study.verdicts.iter().filter(|it| it.is_judged()) {
-            let holds = line.is_decided() && line.together.is_none();
             family.judged += 1;
-            family.decided += usize::from(line.is_decided());
-            family.together += usize::from(holds);
-            family.against += usize::from(holds && line.differs());
+            family.decided += usize::from(line.is_decided_alone());
+            family.together += usize::from(line.is_decided());
+            family.against += usize::from(line.is_decided() && line.differs());
             family.confirmed += usize::from(line.rounds.len() > 1);
         }
     }

@@ -10,6 +10,7 @@ mod basis;
 mod budgets;
 mod by_seed;
 mod claim_line;
+mod claim_settings;
 mod claims;
 mod collapses;
 pub mod compare;

@@ -31,7 +31,7 @@ impl OpenVerdict {
         Self {
             study: study.study.clone(),
             about: passed.about.clone(),
-            verdict: passed.verdict.clone(),
+            verdict: passed.in_all().to_owned(),
             would_decide: passed.would_decide,
         }
     }

@@ -72,9 +72,15 @@ impl Passed {
         self.together.as_ref().unwrap_or(&self.verdict)
     }
 
-    /// Whether the seeds decide it, either way.
+    /// Whether the seeds decide it, either way, with all verdicts of its family taken together.
     #[must_use]
     pub fn is_decided(&self) -> bool {
+        self.is_decided_alone() && self.together.is_none()
+    }
+
+    /// Whether the seeds decide it, either way, at its own level.
+    #[must_use]
+    pub fn is_decided_alone(&self) -> bool {
         let settled = [
             Verdict::Reproduced.word(),
             ClaimOutcome::Supported.word(),
@@ -143,15 +149,8 @@ pub(super) fn not_made(name: &str, spec: &TableSpec) -> Option<Passed> {
 }
 
 pub(super) fn of_claim(line: &ClaimLine, results: &Results) -> Passed {
-    let claim = &line.spec.claim;
-    let place = if line.place.is_empty() || claim.ends_with(&line.place) {
-        String::new()
-    } else {
-        format!(" in {}", line.place)
-    };
-
     Passed {
-        about: format!("claim {}: {claim}{place}", line.number),
+        about: format!("claim {}: {}", line.number, line.in_place()),
         in_full: None,
         verdict: line.word().into(),
         together: line.together().map(|outcome| outcome.word().into()),

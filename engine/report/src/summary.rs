@@ -108,12 +108,18 @@ fn answers(study: &StudyInfo, results: &Results, contents: &Contents, width: usi
     let mut lines: Vec<String> = answered.collect();
     if lines.is_empty() && sentence(study, contents).is_none() {
         let claims = contents.claims.iter();
-        lines.extend(
-            claims
-                .clone()
-                .take(FIRST_CLAIMS)
-                .map(|it| line(it.word(), &it.spec.claim)),
-        );
+        for it in claims.clone().take(FIRST_CLAIMS) {
+            let is_alone = claims.clone().filter(|other| other.number == it.number).count() == 1;
+            let claim = if is_alone {
+                it.spec.claim.clone()
+            } else {
+                it.in_place()
+            };
+            lines.push(match it.together() {
+                Some(together) => line(together.word(), &format!("{claim} (alone: {})", it.word())),
+                None => line(it.word(), &claim),
+            });
+        }
         if claims.len() > FIRST_CLAIMS {
             lines.push(line(
                 "",
@@ -152,11 +158,6 @@ fn last_lines(
 
 fn verdicts(contents: &Contents, width: usize) -> String {
     let line = |line: &super::ClaimLine| {
-        let place = if line.place.is_empty() || line.spec.claim.ends_with(&line.place) {
-            String::new()
-        } else {
-            format!(" in {}", line.place)
-        };
         let numbers = line.numbers();
         let numbers = if numbers.is_empty() {
             String::new()
@@ -173,7 +174,7 @@ fn verdicts(contents: &Contents, width: usize) -> String {
             .map(|note| format!("; {note}"))
             .collect();
         let text = wrap(
-            &format!("{}{place}{numbers}{notes}", line.spec.claim),
+            &format!("{}{numbers}{notes}", line.in_place()),
             width.saturating_sub(14).max(20),
         );
         format!("{:<12}  {}", line.word(), text.replace('\n', "\n              "))

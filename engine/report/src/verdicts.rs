@@ -89,7 +89,7 @@ impl Verdicts {
             basis: basis(study, results, contents),
             judged: count(&Passed::is_judged),
             decided: count(&|it| it.is_judged() && it.is_decided()),
-            differing: count(&|it| it.is_judged() && it.differs()),
+            differing: count(&|it| it.is_judged() && it.is_decided() && it.differs()),
             exploratory: count(&|it| it.exploratory),
             verdicts,
         }
@@ -184,7 +184,7 @@ impl Word {
         }
         let equivalent = ClaimOutcome::Equivalent.word();
         let is = |word: &str| lines.iter().any(|it| it.in_all() == word);
-        let decided = lines.iter().filter(|it| it.is_decided() && it.together.is_none());
+        let decided = lines.iter().filter(|it| it.is_decided());
         let small = decided.clone().filter(|it| it.verdict == equivalent).count();
         let fails = decided.clone().filter(|it| it.differs()).count();
         let holds = decided.count() - small - fails;

@@ -90,7 +90,7 @@ impl Planned {
             self.plan
                 .keep(|trial| confirms.cells.contains(&trial.cell.combination));
         }
-        narrow(&mut self.plan, &self.only);
+        narrow(&mut self.plan, &self.study, &self.only);
         self.pauses = self.study.pauses(&self.plan);
         let has_paused = |trial: &mut Arc<Trial>| {
             self.set_aside.contains(&trial.id) && self.pauses.contains_key(&trial.id)
@@ -118,17 +118,21 @@ pub(crate) struct Confirms {
 }
 
 /// Keeps the trials of the named environments and agents, and the trials that they take from; all if no name is given.
-fn narrow(plan: &mut Plan, only: &[String]) {
+fn narrow(plan: &mut Plan, study: &Study, only: &[String]) {
     if only.is_empty() {
         return;
     }
     let named = |name: &String| only.contains(name);
-    let by_environment = plan.trials.iter().any(|trial| named(&trial.cell.environment));
-    let by_agent = plan.trials.iter().any(|trial| named(&trial.cell.agent));
+    let trials = || plan.trials.iter().map(|trial| &trial.cell);
+    // An agent that is searched has no trial in most environments before its setting is chosen.
+    let by_environment =
+        study.environments.iter().any(named) || trials().any(|cell| named(&cell.environment));
+    let by_agent = study.agents.iter().any(named) || trials().any(|cell| named(&cell.agent));
     plan.keep(|trial| {
         let known = by_environment || by_agent;
         known
-            && (!by_environment || named(&trial.cell.environment))
+            // A search compares settings in its own environment for all others.
+            && (!by_environment || trial.cell.purpose.is_tried() || named(&trial.cell.environment))
             && (!by_agent || named(&trial.cell.agent))
     });
 }

@@ -193,7 +193,14 @@ impl MeanEstimate {
                 nominal,
             )
         };
-        fewest(1, self.most_more(), |more| power_with(more) >= wanted)
+        let (most, enough) = (self.most_more(), |more| power_with(more) >= wanted);
+        let grow_all = self.samples.iter().all(|it| it.source == SampleOrigin::Seeds);
+        if grow_all {
+            fewest(1, most, enough)
+        } else {
+            // Beside a sample that does not grow, more seeds may leave fewer degrees of freedom and less power.
+            (1..=most).find(|more| enough(*more))
+        }
     }
 
     /// Number of seeds that may be added until the largest sample that can grow has [`MOST_SEEDS`].

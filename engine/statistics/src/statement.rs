@@ -83,6 +83,15 @@ impl Evidence {
         }
     }
 
+    /// Whether it is about shares of seeds.
+    #[must_use]
+    pub fn is_of_shares(&self) -> bool {
+        matches!(
+            self,
+            Evidence::Share(_) | Evidence::Shares(..) | Evidence::FromPublished(..)
+        )
+    }
+
     /// Whether the seeds of each sample of a mean all gave the same number.
     #[must_use]
     pub fn has_no_spread(&self) -> bool {

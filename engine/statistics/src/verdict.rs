@@ -310,17 +310,21 @@ impl Judgement {
 
     fn advice(&self) -> String {
         let is_alike = |it: &Statement| it.looks.iter().all(|look| look.evidence.has_no_spread());
+        let is_of_shares = |it: &Statement| it.looks.iter().all(|look| look.evidence.is_of_shares());
         match (self.n, self.more_seeds) {
             (n, _) if n < FEWEST_SEEDS => too_few_seeds_in_words(n),
             _ if self.statement.as_ref().is_some_and(is_alike) => ALIKE.into(),
             (_, Some(more)) => more_seeds_in_words(more),
-            (_, None) => {
-                "the mean is too near the edge of the margin for an affordable number of seeds to decide"
-                    .into()
+            _ if self.statement.as_ref().is_some_and(is_of_shares) => {
+                "more seeds may decide; for shares their number is not estimated".into()
             }
+            (_, None) => format!("{NO_NUMBER_DECIDES}, if mean and spread stay as they are"),
         }
     }
 }
+
+/// The beginning of the remark on an estimate that no affordable number of seeds decides.
+const NO_NUMBER_DECIDES: &str = "no affordable number of seeds would decide with a probability of 80 %";
 
 /// The remark on seeds that are equal, possibly by chance.
 pub const ALIKE: &str = "all seeds gave the same whole number, as counts do by chance, which decides nothing";
@@ -492,7 +496,8 @@ fn successes_of(values: &[f64]) -> Share {
 pub fn more_seeds(look: &Look, alpha: f64) -> Option<u32> {
     let missing = u32::try_from(FEWEST_SEEDS.saturating_sub(look.evidence.n())).unwrap_or(0);
     match &look.evidence {
-        _ if look.evidence.n() < 2 => Some(missing),
+        // Nothing is known of the spread.
+        _ if look.evidence.n() < 2 => None,
         it if it.has_no_spread() && !look.deterministic => (missing > 0).then_some(missing),
         Evidence::Mean(estimate) => {
             // On the side that holds, a difference has to be larger than one that does not matter.

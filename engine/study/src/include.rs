@@ -1,6 +1,7 @@
 //! `include`: other files whose sections a study takes over.
 
 use super::{
+    first_texts::FirstTexts,
     overlay::overlay,
     relative_path::{along, name_from, way},
     sections::{Files, StudyText},
@@ -8,7 +9,6 @@ use super::{
 use document::{
     Entry, Node, NodeKind,
     diagnostic::{Diagnostic, Sources, Span},
-    input_file,
     reach::{Outside, Reach},
     schema_check::View,
 };
@@ -36,12 +36,14 @@ pub fn read(
     file: &Path,
     schema: &Value,
     sources: &mut Sources,
+    texts: &FirstTexts,
 ) -> Result<MergedStudy, Vec<Diagnostic>> {
     let mut reader = IncludeReader {
         study: file.parent().unwrap_or(Path::new("")),
         reach: Reach::of(file.parent().unwrap_or(Path::new(""))),
         schema: View::new(schema, schema),
         sources,
+        texts,
         open: vec![along(Path::new(""), file)],
         files: Vec::new(),
         found: Vec::new(),
@@ -62,6 +64,7 @@ struct IncludeReader<'a> {
     reach: Reach,
     schema: View<'a>,
     sources: &'a mut Sources,
+    texts: &'a FirstTexts,
     /// The files whose includes are being read; none of them may be included again.
     open: Vec<PathBuf>,
     files: Vec<PathBuf>,
@@ -91,7 +94,7 @@ impl IncludeReader<'_> {
         })?;
         self.admit(name, span, &path)?;
         let shown = path.display().to_string();
-        let bytes = input_file::read(&path, input_file::Use::Study).map_err(|error| {
+        let bytes = self.texts.read(&path).map_err(|error| {
             let message = format!("the included file `{name}` cannot be read: {error}");
             let help = format!("files are sought from the folder of the file that includes them: `{shown}`");
             vec![self.sources.error(span, "include", message).help(help)]

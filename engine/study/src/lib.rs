@@ -5,6 +5,7 @@
 //! | `sections` | types of the sections of a study as they are written |
 //! | `json_schema` | the schema of a study with all plugins' parameters, by which sections are checked first |
 //! | `written` | named parts and their positions |
+//! | `first_texts` | the files of a study, as they were read first |
 //! | `include`, `blocks`, `overlay` | other files and common keys, overlaid by the study's own keys |
 //! | `path` | dotted paths of sweeps, profiles, overrides and `--set` |
 //! | `section` | a key of any other section, set from the command line |
@@ -24,7 +25,7 @@
 //! | `cross_play` | plays: agents that meet after they were trained, with their seats |
 //! | `imported_runs` | runs of other programs, beside the study's agents |
 //! | `quotes` | placeholders for values of the study in its texts |
-//! | `search_checks` | checks of searches against the metrics of trials |
+//! | `search_checks`, `search_overlaps` | checks of searches against the metrics of trials, and against other sections |
 //! | `plan` | the trials of a study, the new ones among them and their time |
 //! | `repeats` | samples of a sweep that gave the same setting |
 //! | `resolved`, `resolved_yaml` | a study with all defaults written out |
@@ -43,6 +44,7 @@ mod confirmations;
 mod cross_play;
 mod dependencies;
 mod editor_schema;
+mod first_texts;
 pub mod fit;
 mod imported_runs;
 mod include;
@@ -64,6 +66,7 @@ mod resolved_yaml;
 mod schedule;
 mod search;
 mod search_checks;
+mod search_overlaps;
 mod section;
 mod sections;
 mod seeds;
@@ -76,6 +79,7 @@ pub use cell::Source;
 pub use checked_study::Study;
 pub use confirmations::Confirmation;
 pub use editor_schema::for_editors;
+pub use first_texts::FirstTexts;
 pub use json_schema::json_schema;
 pub use known_agents::KnownAgents;
 pub use loading::{load, load_text, name_in};

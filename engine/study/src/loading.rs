@@ -10,7 +10,7 @@ use super::{
     json_schema::{check_structure, json_schema},
     overrides, quotes,
     repeats::Repeats,
-    resolved, search, search_checks,
+    resolved, search, search_checks, search_overlaps,
     sections::StudyText,
     seeds::SeedPlan,
     settings::{self, Options},
@@ -22,7 +22,6 @@ use contract::Registry;
 use document::{
     Node,
     diagnostic::{Diagnostic, Sources, Span, in_order},
-    input_file,
 };
 use execution::limits::LimitError;
 use presentation::request::{self, Kinds, Request};
@@ -34,7 +33,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// Everything that is wrong with it, sorted by position.
 pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study, Vec<Diagnostic>> {
-    let (name, text) = read_text(path)?;
+    let (name, text) = read_text(path, options)?;
     load_text(&text, &name, folder_of(path), registry, options)
 }
 
@@ -43,7 +42,7 @@ pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study
 /// # Errors
 /// Mistakes that keep the file from being read as one document.
 pub fn name_in(path: &Path, registry: &Registry, options: &Options) -> Result<String, Vec<Diagnostic>> {
-    let (name, text) = read_text(path)?;
+    let (name, text) = read_text(path, options)?;
     let (schema, mut sources) = (json_schema(registry), Sources::default());
     let composed =
         compose(&text, &name, folder_of(path), &schema, &mut sources, options).map_err(in_order)?;
@@ -56,7 +55,7 @@ fn folder_of(path: &Path) -> &Path {
 }
 
 /// Name of a file for messages, and its text.
-fn read_text(path: &Path) -> Result<(String, String), Vec<Diagnostic>> {
+fn read_text(path: &Path, options: &Options) -> Result<(String, String), Vec<Diagnostic>> {
     let name = path.display().to_string();
     let unreadable = |error: std::io::Error| {
         let mut sources = Sources::default();
@@ -70,7 +69,7 @@ fn read_text(path: &Path) -> Result<(String, String), Vec<Diagnostic>> {
             format!("cannot read the study: {error}"),
         )]
     };
-    let bytes = input_file::read(path, input_file::Use::Study).map_err(unreadable)?;
+    let bytes = options.texts.read(path).map_err(unreadable)?;
     let text = document::decode(&name, &bytes)?;
     Ok((name, text))
 }
@@ -107,6 +106,7 @@ pub fn load_text(
     let excluded = kept(excluded, &mut found);
     let searches = search::read(&text.tune, &written, &schema, sources, given, &options.searches);
     let searches = kept(searches, &mut found);
+    found.extend(search_overlaps::overlaps(&searches, &overrides, sources));
     if found.iter().any(blocks_trials) {
         return Err(in_order(found));
     }
@@ -170,7 +170,7 @@ fn compose(
     let source = sources.add_file(name, text);
     let root = document::parse(sources, source, text)?;
     let file = folder.join(Path::new(name).file_name().unwrap_or_default());
-    let included = include::read(root, &file, schema, sources)?;
+    let included = include::read(root, &file, schema, sources, &options.texts)?;
     let mut root = included.root;
     blocks::expand(&mut root, schema, sources)?;
     let found = settings::lay_sections(&mut root, schema, sources, options);
@@ -222,7 +222,7 @@ fn make(
     vocabulary.plays = cross_play::resolve(sections, &cells, plan.seeds.len())
         .map_err(|errors| with(about_success.iter().cloned().chain(errors).collect()))?;
     let resolved = resolved::sections(root, sections, &plan, &vocabulary.plays);
-    let root = &quotes::fill(root, &resolved, sources).unwrap_or_else(|errors| {
+    let root = &quotes::fill(root, &resolved, sections).unwrap_or_else(|errors| {
         found.extend(errors);
         root.clone()
     });

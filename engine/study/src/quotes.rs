@@ -8,9 +8,10 @@
 //! | `{prepare.teacher.protocol.steps}` | a key of an entry of `prepare` |
 //! | `{paper_budget.steps}` | a key of another section |
 //!
-//! Values of overrides and sweeps belong to combinations and are not used.
+//! Values of overrides belong to some combinations and are not used. A key that a sweep, a search or an override of all
+//! combinations sets has no one value to print, so that its placeholder is refused.
 
-use super::resolved::Section;
+use super::{checked_sections::Sections, path::KeyPath, resolved::Section, written::Target};
 use document::{
     Node, NodeKind,
     diagnostic::{Diagnostic, Sources},
@@ -31,16 +32,17 @@ const TEXTS: [&str; 7] = [
 /// The document with the values of the study in its texts.
 ///
 /// # Errors
-/// Placeholders that name no value.
+/// Placeholders that name no value, or one that varies between trials.
 pub(super) fn fill(
     root: &Node,
     resolved: &[(String, Section)],
-    sources: &Sources,
+    sections: &Sections<'_>,
 ) -> Result<Node, Vec<Diagnostic>> {
     let mut filler = Filler {
         root,
         resolved,
-        sources,
+        varied: varied(sections),
+        sources: sections.sources,
         found: Vec::new(),
     };
     let mut filled = root.clone();
@@ -57,9 +59,38 @@ pub(super) fn fill(
     }
 }
 
+/// Keys without one value for all trials, as the words of their dotted paths.
+fn varied(sections: &Sections<'_>) -> Vec<Vec<String>> {
+    let swept = sections
+        .dimensions
+        .iter()
+        .flat_map(|it| &it.keys)
+        .map(|key| &key.path);
+    let searched = sections.searches.iter().flat_map(|it| &it.paths);
+    let of_all = sections.overrides.iter().filter(|it| it.selection.is_of_all());
+    let overridden = of_all.flat_map(|it| &it.set).map(|(_, path, _)| path);
+    let words = |path: &KeyPath<'_>| {
+        let name = match path.target {
+            Target::Protocol => "protocol",
+            target => &sections.written.part(target)?.name,
+        };
+        Some(
+            std::iter::once(name.to_owned())
+                .chain(path.keys.iter().cloned())
+                .collect(),
+        )
+    };
+    swept
+        .chain(searched)
+        .chain(overridden)
+        .filter_map(words)
+        .collect()
+}
+
 struct Filler<'a> {
     root: &'a Node,
     resolved: &'a [(String, Section)],
+    varied: Vec<Vec<String>>,
     sources: &'a Sources,
     found: Vec<Diagnostic>,
 }
@@ -78,8 +109,17 @@ impl Filler<'_> {
                         scalar.text = text;
                     }
                     Err(placeholder) => {
-                        let message = format!("`{{{placeholder}}}` names no value of this study");
-                        let help = "write the dotted path of a value, as in `{protocol.steps}` or `{learner.discount}`";
+                        let (problem, help) = match self.varies(&placeholder) {
+                            true => (
+                                "varies between trials",
+                                "write the values, or leave them to the table",
+                            ),
+                            false => (
+                                "names no value of this study",
+                                "write the dotted path of a value, as in `{protocol.steps}` or `{learner.discount}`",
+                            ),
+                        };
+                        let message = format!("`{{{placeholder}}}` {problem}");
                         self.found.push(self.sources.error(span, at, message).help(help));
                     }
                 }
@@ -114,8 +154,21 @@ impl Filler<'_> {
         Ok(filled + rest)
     }
 
-    /// The value at a dotted path, as text.
+    fn varies(&self, path: &str) -> bool {
+        let overlaps = |varied: &Vec<String>| {
+            varied
+                .iter()
+                .zip(path.split('.'))
+                .all(|(one, other)| one == other)
+        };
+        self.varied.iter().any(overlaps)
+    }
+
+    /// The value at a dotted path, as text; `None` if there is none or it varies.
     fn value(&self, path: &str) -> Option<String> {
+        if self.varies(path) {
+            return None;
+        }
         let (first, rest) = path.split_once('.')?;
         let section = |name: &str| self.resolved.iter().find(|(known, _)| known == name);
         let of_part = |value: &Value, rest: &str| in_words(descend(inside(value)?, rest)?);

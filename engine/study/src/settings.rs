@@ -5,6 +5,7 @@
 //! checked.
 
 use super::{
+    first_texts::FirstTexts,
     json_schema::check_structure,
     known_agents::KnownAgents,
     path::{self, KeyPath},
@@ -37,6 +38,8 @@ pub struct Options {
     pub announced: Option<Announcements>,
     /// Agents that are not built again.
     pub known: KnownAgents,
+    /// Files that are not read again.
+    pub texts: FirstTexts,
 }
 
 /// Applies the profile, then `--set` in order, then `--seeds`. All profiles are checked, used or not.

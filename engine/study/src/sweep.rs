@@ -460,7 +460,7 @@ fn point(keys: &[LocatedKey<'_>], index: usize) -> Vec<String> {
 }
 
 /// A value in which 1 and 1.0 are equal, as they are in trials.
-fn comparable(value: Value) -> Value {
+pub(super) fn comparable(value: Value) -> Value {
     match value {
         Value::Number(number) => match number.as_i64() {
             // Not every larger integer is a floating-point number.

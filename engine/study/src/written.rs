@@ -368,6 +368,12 @@ pub struct Selection {
 }
 
 impl Selection {
+    /// Whether it selects every combination.
+    #[must_use]
+    pub fn is_of_all(&self) -> bool {
+        self.environment.is_none() && self.agent.is_none()
+    }
+
     /// The parts that the keys `environment` and `agent` of `node` name.
     ///
     /// # Errors

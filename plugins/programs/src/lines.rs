@@ -2,8 +2,10 @@
 //!
 //! The declared keys of each such line are noted in a file of JSON lines, which is then read like any other
 //! file. A text that no reader would take for a number is not a value of a metric, as in a line `loss=see
-//! below`.
+//! below`. One that is meant as a number and is none, as in `loss=1,5` or `loss=tensor(0.5)`, is noted as it stands, so
+//! that the trial fails instead of losing the value.
 
+use anstream::adapter::strip_str;
 use imported::of_line;
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet};
@@ -100,7 +102,8 @@ pub struct SeenKey {
 impl Filter {
     /// The note of a line that ends at `at` in the output; `None` where it holds no metric.
     pub fn noted(&mut self, line: &str, at: u64) -> Option<String> {
-        let values = values(line)?;
+        let line = strip_str(line).to_string();
+        let values = values(&line)?;
         for (key, value) in &values {
             let is_declared = self.keys.contains(key);
             if is_declared || self.seen.len() < MOST_KEYS && !self.seen.contains(key) {
@@ -110,7 +113,9 @@ impl Filter {
                 self.no_numbers.insert(key.clone(), value.clone());
             }
         }
-        let is_metric = |key: &str, value: &str| (self.all || self.keys.contains(key)) && is_number(value);
+        let is_metric = |key: &str, value: &str| {
+            self.keys.contains(key) && is_meant_as_number(value) || self.all && is_number(value)
+        };
         if !values.iter().any(|(key, value)| is_metric(key, value)) {
             return None;
         }
@@ -129,6 +134,16 @@ impl Filter {
 
 fn is_number(text: &str) -> bool {
     text.parse::<f64>().is_ok()
+}
+
+/// Whether a text is a number or looks like one: it begins with digits, or a call around such a text ends it.
+fn is_meant_as_number(text: &str) -> bool {
+    let begins = |text: &str| {
+        let digits = text.trim_start_matches(['+', '-']).trim_start_matches('.');
+        digits.starts_with(|sign: char| sign.is_ascii_digit())
+    };
+    let inner = text.strip_suffix(')').and_then(|text| text.split_once('('));
+    is_number(text) || begins(text) || inner.is_some_and(|(_, inner)| begins(inner))
 }
 
 /// The values of a line by their keys.
@@ -204,6 +219,17 @@ mod tests {
             (r#"{"loss": "#, None),
             ("loss = 3", None),
             ("loss=later", None),
+            ("loss=1,5 t=8", Some(r#"{"loss":"1,5","regimen_at":9,"t":"8"}"#)),
+            ("loss=-1.#IND", Some(r#"{"loss":"-1.#IND","regimen_at":9}"#)),
+            (
+                "loss=tensor(-.5)",
+                Some(r#"{"loss":"tensor(-.5)","regimen_at":9}"#),
+            ),
+            ("loss=huber(delta)", None),
+            (
+                "\u{1b}[32mloss=2\u{1b}[0m",
+                Some(r#"{"loss":"2","regimen_at":9}"#),
+            ),
             ("--loss=3", None),
             ("[1, 2]", None),
         ] {

@@ -92,6 +92,10 @@ impl TriedSetting {
                         match trial.measured_at(&search.metric, *pause) {
                             Some(value) => drop(at_pause(*pause, Some(value))),
                             None if is_last => drop(at_pause(*pause, None)),
+                            None if trial.is_ok() => {
+                                let value = last_before(trial, &search.metric, *pause).or(value);
+                                value.map(|value| at_pause(*pause, Some(value)));
+                            }
                             None => {}
                         }
                     }
@@ -138,6 +142,13 @@ impl TriedSetting {
             None => Sight::Open,
         }
     }
+}
+
+/// The last value that a trial measured before a step. A program may end early, or measure at other steps.
+fn last_before(trial: &TrialResult, metric: &str, step: u64) -> Option<f64> {
+    let curve = trial.curve(Phase::Evaluate, metric);
+    let before = curve.into_iter().rev().find(|(at, _)| *at < step);
+    before.map(|(_, value)| value)
 }
 
 impl SearchResult {

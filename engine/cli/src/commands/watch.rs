@@ -9,6 +9,7 @@ use crate::watch::{Focus, View, Watched, Watcher, draw, page, plain};
 use analysis::search::Direction;
 use clap::Args;
 use contract::{Better, Error, Registry};
+use document::diagnostic::suggest;
 use execution::{
     store::{self, write_durably},
     world::{clock, fs},
@@ -64,6 +65,9 @@ fn seconds(text: &str) -> Result<f64, String> {
 pub(super) fn watch(registry: &Registry, options: &WatchOptions, common: &Common) -> Result<Exit, Failure> {
     let session = options.studies.open_here(registry, common)?;
     let planned = session.load_with_looks()?;
+    if let Some(name) = &options.metric {
+        refuse_unknown(name, &planned)?;
+    }
     let preferred = options
         .metric
         .iter()
@@ -105,6 +109,20 @@ pub(super) fn watch(registry: &Registry, options: &WatchOptions, common: &Common
     let shown = watching.show(terminal, &stop);
     ratatui::restore();
     shown
+}
+
+/// Refuses a metric that no trial of the studies records.
+fn refuse_unknown(metric: &str, planned: &[Planned]) -> Result<(), Failure> {
+    let known = planned.iter().flat_map(|one| &one.study.metrics);
+    let known: BTreeSet<&str> = known.map(|it| it.name.as_str()).collect();
+    if known.contains(metric) {
+        return Ok(());
+    }
+    let help = suggest(metric, known.into_iter());
+    Err(Failure {
+        exit: Exit::BadStudy,
+        text: format!("error: --metric {metric}: no trial records `{metric}`: {help}"),
+    })
 }
 
 fn broken(error: std::io::Error) -> Failure {

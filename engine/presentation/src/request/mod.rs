@@ -103,10 +103,18 @@ impl Request {
         for search in &vocabulary.searches {
             request.show_search(&search.name);
         }
-        let claims = text.claims.located(root.get("claims"));
-        request.claims = claims
-            .filter_map(|(index, claim, node)| names.claim(claim, node, &format!("claims[{index}]")))
-            .collect();
+        for (index, claim, node) in text.claims.located(root.get("claims")) {
+            let at = format!("claims[{index}]");
+            let Some(claim) = names.claim(claim, node, &at) else {
+                continue;
+            };
+            let same = |it: &ClaimSpec| (&it.claim, &it.environment) == (&claim.claim, &claim.environment);
+            if request.claims.iter().any(same) {
+                let message = "this claim is given twice";
+                names.say((node.span, at), message, "give it once, with one `min_effect`");
+            }
+            request.claims.push(claim);
+        }
         let count = text.claims.0.as_ref().map_or(0, Vec::len);
         request.summary = text.summary.0.as_ref().and_then(|summary| {
             let node = root.get("summary")?;
