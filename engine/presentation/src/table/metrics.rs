@@ -1,10 +1,13 @@
 //! Several metrics side by side: one row each, agents along the columns, and the correlation of two agents' rankings.
 
-use super::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
+use super::{
+    Axis, Cell, Grid, Heading, NumberFormat, Quantity, Scope, Statistic, Table, comparison::summarise,
+    problem,
+};
 use crate::kinds::KindSpec;
 use crate::names::{Names, Picked, Place};
 use analysis::results::Results;
-use contract::Error;
+use contract::{Error, standard_metrics::SUCCESS};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use statistics::rank_correlation;
@@ -83,23 +86,23 @@ impl Table for Metrics {
             return Err(problem("nothing of these metrics is recorded"));
         }
         let of = |agent: &str| all.at(Axis::Agent, agent);
-        let row = |values: &dyn Fn(&str) -> BTreeMap<u64, f64>| -> Vec<Cell> {
+        let row = |name: &str, values: &dyn Fn(&str) -> BTreeMap<u64, f64>| -> Vec<Cell> {
             let cells = agents
                 .iter()
-                .map(|agent| cell(&of(agent), values(agent), results));
+                .map(|agent| cell(&of(agent), (name, values(agent)), results));
             cells.collect()
         };
         let mut rows = metrics.clone();
         let mut cells: Vec<Vec<Cell>> = metrics
             .iter()
-            .map(|metric| row(&|agent| of(agent).finals(metric)))
+            .map(|metric| row(metric, &|agent| of(agent).finals(metric)))
             .collect();
         if !self.ranked_against.is_empty() {
             let (compared, against) = (self.compared(&metrics), of(&self.ranked_against));
             rows.push(RANKS.to_owned());
             let others =
                 |agent: &str| (agent != self.ranked_against).then(|| ranked(compared, &of(agent), &against));
-            cells.push(row(&|agent| others(agent).unwrap_or_default()));
+            cells.push(row(RANKS, &|agent| others(agent).unwrap_or_default()));
         }
         Ok(Grid {
             quantity: Quantity::plain(self.quantity()),
@@ -227,15 +230,21 @@ impl Metrics {
     }
 }
 
-/// The mean over seeds; empty for a ranking against itself or of metrics that are all equal.
-fn cell(behind: &Scope<'_>, seeds: BTreeMap<u64, f64>, results: &Results) -> Cell {
+/// The mean over seeds, or their share for the metric of success; empty for a ranking against itself or of metrics that
+/// are all equal.
+fn cell(behind: &Scope<'_>, (row, seeds): (&str, BTreeMap<u64, f64>), results: &Results) -> Cell {
     let is_none = seeds.is_empty() && behind.trials.iter().any(|trial| trial.is_ok());
     let cell = Cell {
         planned: if is_none { 0 } else { behind.planned() },
         failed: behind.failed(),
         missing: behind.absences(),
+        is_share: row == SUCCESS,
         ..Cell::resting_on(&behind.trials, results)
     };
+    if cell.is_share {
+        // The interval of a mean may leave the range of shares, and has no width if all seeds agree.
+        return summarise(seeds.into_iter().collect(), Statistic::Mean, cell);
+    }
     cell.with_mean(seeds)
 }
 
@@ -312,6 +321,34 @@ mod tests {
             "{:?}",
             grid.notes
         );
+    }
+
+    #[test]
+    fn shares_of_success_have_the_interval_that_a_comparison_prints() {
+        let trial = |seed: u64| {
+            let rows = vec![
+                (Phase::Final, 0, 0, SUCCESS, if seed == 0 { 0.0 } else { 1.0 }),
+                (Phase::Final, 0, 0, "return", 1.0),
+            ];
+            testing::synthetic::trial("cells", "learned", "", seed, &rows)
+        };
+        let results = Results::of((0..6).map(trial).collect());
+        let table = Metrics {
+            values: vec![SUCCESS.into(), "return".into()],
+            ..Metrics::default()
+        };
+        let compared = crate::table::Comparison {
+            value: SUCCESS.into(),
+            ..crate::table::Comparison::default()
+        };
+        let (grid, compared) = (table.build(&results).unwrap(), compared.build(&results).unwrap());
+        assert_eq!(grid.cells[0][0].interval, compared.cells[0][0].interval);
+        let (low, high) = grid.cells[0][0].interval.unwrap();
+        assert!(
+            (low - 0.359).abs() < 5e-4 && (high - 0.996).abs() < 5e-4,
+            "{low} {high}"
+        );
+        assert!(!grid.cells[1][0].is_share);
     }
 
     #[test]
