@@ -88,6 +88,13 @@ impl Vocabulary {
         self.settings.iter().any(|setting| !setting.is_empty())
     }
 
+    /// Whether a sweep varies trials of one of these agents: by a key of its own, of an environment or of a protocol.
+    #[must_use]
+    pub fn sweeps_any(&self, agents: &[usize]) -> bool {
+        let concerns = |it: &Arc<SweptKey>| it.agent.is_none_or(|agent| agents.contains(&agent));
+        self.has_sweep() && self.swept.iter().any(concerns)
+    }
+
     /// The names of swept keys: the last word of each, unless keys of one setting share it, and the whole key.
     #[must_use]
     pub fn swept_names(&self) -> Vec<&str> {

@@ -150,7 +150,7 @@ impl Metrics {
             let message = "several environments cannot stand in one table of metrics";
             names.say(place(), message, "write `environment`");
         }
-        if names.vocabulary.settings.len() > 1 {
+        if names.vocabulary.settings.len() > 1 && names.vocabulary.sweeps_any(&picked.agents) {
             let message = "several settings of an agent cannot stand in one table of metrics";
             let help = "leave the sweep out, or compare one metric with `comparison`";
             names.say(place(), message, help);

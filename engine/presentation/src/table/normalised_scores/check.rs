@@ -23,15 +23,29 @@ pub(crate) fn normalised(
     place: &Place<'_>,
     picked: &Picked,
 ) {
-    suite(pooled, names, place, picked);
+    suite(normalise, pooled, names, place, picked);
     match normalise {
         Normalisation::Agents { low, high } => two_agents(names, low, high, place, picked),
         Normalisation::ByEnvironment(bounds) => by_environment(names, bounds, place, picked),
     }
 }
 
-fn suite(pooled: &PoolWording, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
-    if names.vocabulary.has_sweep() {
+fn suite(
+    normalise: &Normalisation,
+    pooled: &PoolWording,
+    names: &mut Names<'_>,
+    place: &Place<'_>,
+    picked: &Picked,
+) {
+    // The settings of an agent at an end of the scale would be pooled too.
+    let ends = normalise.agents();
+    let known = names.vocabulary.agents.iter().enumerate();
+    let ends = known.filter(|(_, name)| ends.contains(&name.as_str()));
+    let behind: Vec<usize> = ends
+        .map(|(index, _)| index)
+        .chain(picked.agents.iter().copied())
+        .collect();
+    if names.vocabulary.sweeps_any(&behind) {
         let message = format!(
             "{} pools seeds and environments, and would pool the settings of `sweep` with them",
             pooled.what
@@ -185,5 +199,77 @@ fn two_ends(names: &mut Names<'_>, ends: &[Bound; 2], inner: &Place<'_>, (name, 
                 "name one that plays there, or write a number",
             );
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vocabulary::{SweptKey, Vocabulary};
+    use document::{
+        Node,
+        diagnostic::{Sources, Span},
+    };
+
+    /// Number of messages on an aggregate over these agents, scaled between `low` and `equal`, where the rate of `r` is
+    /// swept.
+    fn messages(agents: &[&str], low: &str) -> usize {
+        let agent_names = ["equal", "water", "r"].map(String::from).to_vec();
+        let swept = SweptKey {
+            key: "agents.r.rate".into(),
+            agent: Some(2),
+            values: vec![0.1.into(), 0.2.into()].into(),
+        };
+        let vocabulary = Vocabulary {
+            environments: vec!["e".into()],
+            recorded: (0..3)
+                .map(|agent| ((0, agent), ["return".into()].into()))
+                .collect(),
+            agents: agent_names,
+            settings: vec!["".into(), "rate=0.1".into(), "rate=0.2".into()],
+            swept: vec![swept.into()],
+            ..Vocabulary::default()
+        };
+        let mut sources = Sources::default();
+        sources.add_file("study.yaml", "");
+        let span = Span {
+            line: 1,
+            column: 1,
+            length: 1,
+            ..Span::default()
+        };
+        let node = Node::from_value(
+            span,
+            &serde_json::json!({ "agents": agents, "normalise": { "low": low, "high": "equal" } }),
+        );
+        let place = Place {
+            node: &node,
+            key: span,
+            at: "tables.t.aggregate".into(),
+        };
+        let mut names = Names::new(&vocabulary, &sources);
+        let picked = names.pick(&place);
+        let normalise = Normalisation::Agents {
+            low: low.into(),
+            high: "equal".into(),
+        };
+        let pooled = PoolWording {
+            what: "an aggregate",
+            instead: "",
+        };
+        normalised(&normalise, &pooled, &mut names, &place, &picked);
+        names.into_found().len()
+    }
+
+    #[test]
+    fn only_settings_of_agents_behind_the_scores_are_refused() {
+        assert_eq!(messages(&["equal", "water"], "water"), 0);
+        assert_eq!(messages(&["equal", "r"], "water"), 1);
+        assert_eq!(messages(&[], "water"), 1, "all agents are picked");
+        assert_eq!(
+            messages(&["equal", "water"], "r"),
+            1,
+            "the end of the scale is swept"
+        );
     }
 }
