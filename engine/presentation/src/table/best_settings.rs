@@ -4,7 +4,10 @@ use super::{Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
 use crate::kinds::KindSpec;
 use crate::names::{Names, Place};
 use crate::vocabulary::KnownSearch;
-use analysis::results::{Results, SearchResult, TriedSetting};
+use analysis::{
+    results::{Results, SearchResult, TriedSetting},
+    search::Method,
+};
 use contract::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -116,7 +119,7 @@ impl BestSettings {
             std::iter::once(cell(tried, it, results)).chain(beside).collect()
         };
         Grid {
-            quantity: Quantity::plain(format!("{by}, {} settings were tried", ended.len())),
+            quantity: Quantity::plain(format!("{by}, {}", number_tried(it, ended.len()))),
             row_axis: "setting".into(),
             rows: shown.iter().map(heading).collect(),
             columns,
@@ -129,6 +132,18 @@ impl BestSettings {
             ],
             ..Grid::default()
         }
+    }
+}
+
+/// The number of tried settings, as text. Halving sets most of them aside before their ends.
+fn number_tried(it: &SearchResult, ended: usize) -> String {
+    let has_begun =
+        |tried: &&TriedSetting| !tried.at_pauses.is_empty() || !tried.values.is_empty() || tried.failed > 0;
+    let begun = it.tried.iter().filter(has_begun).count();
+    if matches!(it.search.method, Method::Halving(_)) && begun > ended {
+        format!("{begun} settings were tried, {ended} of them to their ends")
+    } else {
+        format!("{ended} settings were tried")
     }
 }
 
@@ -156,4 +171,68 @@ fn cell(tried: &TriedSetting, it: &SearchResult, results: &Results) -> Cell {
         ..Cell::resting_on(&[], results)
     };
     cell.with_mean(tried.values.clone())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use analysis::search::{Direction, Failed, Halving, NoOptions, Search};
+
+    /// Ten settings of one seed each, the last two to their ends and the others to a pause at step 100.
+    fn searched(method: Method) -> SearchResult {
+        let search = Search {
+            name: "rates".into(),
+            environment: "e".into(),
+            agent: "a".into(),
+            plugin: "a".into(),
+            keys: Vec::new(),
+            metric: "return".into(),
+            direction: Direction::Maximize,
+            settings: 10,
+            seeds: vec![0],
+            method,
+            failed: Failed::Wait,
+        };
+        let tried = |index: u32| {
+            let (value, ends) = (f64::from(index), index >= 8);
+            TriedSetting {
+                setting: format!("rate={index}"),
+                stop: (!ends).then_some(100),
+                at_pauses: BTreeMap::from([(100, BTreeMap::from([(0, Some(value))]))]),
+                values: ends.then_some((0, value)).into_iter().collect(),
+                missing: usize::from(!ends),
+                ..TriedSetting::default()
+            }
+        };
+        SearchResult {
+            search,
+            tried: (0..10).map(tried).collect(),
+            chosen: Some(9),
+        }
+    }
+
+    fn quantity(method: Method) -> String {
+        let results = Results {
+            searches: vec![searched(method)],
+            ..Results::of(Vec::new())
+        };
+        BestSettings::of("rates").build(&results).unwrap().quantity.value
+    }
+
+    #[test]
+    fn settings_that_halving_set_aside_count_as_tried() {
+        let halving = Method::Halving(Halving {
+            pauses: vec![100],
+            keep: 0.2,
+            brackets: 1,
+        });
+        assert_eq!(
+            quantity(halving),
+            "return, 10 settings were tried, 2 of them to their ends"
+        );
+        assert_eq!(
+            quantity(Method::Random(NoOptions {})),
+            "return, 2 settings were tried"
+        );
+    }
 }
