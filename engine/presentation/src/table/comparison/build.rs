@@ -165,7 +165,7 @@ impl<'a> Relation<'a> {
             Form::Value => value,
             Form::Difference => value - other,
             Form::Ratio => value / other,
-            // More is better for a negative return too.
+            // The same as 100 (value - other) / |other|: a larger value is a positive change from a negative one too.
             Form::PercentChange => 100.0 * (value / other - 1.0) * other.signum(),
         }
     }

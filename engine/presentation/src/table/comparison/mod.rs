@@ -277,6 +277,6 @@ pub enum Form {
     Difference,
     /// Value over the other's value, seed by seed.
     Ratio,
-    /// 100 (value / other - 1), seed by seed.
+    /// 100 (value - other) / |other|, seed by seed: a larger value is a positive change.
     PercentChange,
 }
