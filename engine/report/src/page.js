@@ -133,7 +133,7 @@
       const opacity = { light: "2e", dark: "4c" }[shade], bands = [];
       const config = column => {
         const [line, thin] = column.one[shade], isRun = column.role === "run";
-        const isDot = isRun && column.y.length === 1;
+        const isDot = (isRun || column.role === "line") && column.y.length === 1;
         const points = isDot ? { show: true, size: 6, stroke: line, fill: line } : { show: false };
         const common = { show: isShown(column), spanGaps: true, points };
         if (!isRun && column.role !== "line") return { ...common, stroke: "transparent", width: 0 };

@@ -22,6 +22,7 @@ pub(super) fn sentences(kind: &LearningCurve, chart: &Chart) -> Vec<String> {
         drawn.smoothing(),
         drawn.thin_lines(),
         drawn.bands(),
+        drawn.discs(),
         drawn.short_dashes(),
         drawn.levels(),
         drawn.published(),
@@ -163,6 +164,18 @@ impl NoteWriter<'_> {
             ""
         };
         self.any(has_band).then(|| format!("Bands are {band}{place}."))
+    }
+
+    /// Sentence on lines of one point.
+    fn discs(&self) -> Option<String> {
+        let has_bar = |curve: &Curve| curve.is_point() && has_band(curve);
+        let bar = if self.any(has_bar) {
+            ", with an error bar in place of the band"
+        } else {
+            ""
+        };
+        self.any(Curve::is_point)
+            .then(|| format!("A disc is a line of one measurement{bar}."))
     }
 
     fn interval(&self) -> String {

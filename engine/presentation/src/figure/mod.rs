@@ -4,6 +4,8 @@ mod axes;
 mod bars;
 mod best_so_far;
 mod build;
+#[cfg(test)]
+mod built_tests;
 mod chart;
 mod color_scale;
 mod contour;

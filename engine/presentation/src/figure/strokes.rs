@@ -12,7 +12,8 @@ use statistics::thinning;
 /// Widths of lines and of error bars, in points.
 pub(super) const LINE_WIDTH: f64 = 1.2;
 pub(super) const WHISKER: f64 = 0.7;
-const MARKER: f64 = 2.2;
+/// Radius of a round marker, in points.
+pub(super) const MARKER: f64 = 2.2;
 
 /// The positions of points, without points that have no place on the axes.
 pub(super) fn places(points: &[Point], frame: &Frame) -> Vec<Position> {

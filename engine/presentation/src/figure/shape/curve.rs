@@ -6,7 +6,7 @@ use super::{
 };
 use crate::figure::{
     plot_data,
-    strokes::{LINE_WIDTH, dashed, stretch, through},
+    strokes::{LINE_WIDTH, MARKER, WHISKER, dashed, disc, places, stretch, through, whiskers},
 };
 use serde_json::json;
 use statistics::thinning;
@@ -57,6 +57,11 @@ impl Curve {
         self.runs.iter().chain(&self.undrawn)
     }
 
+    /// Whether the line has one point, so that a stroke through it would be invisible.
+    pub(crate) fn is_point(&self) -> bool {
+        self.points.len() == 1
+    }
+
     /// Dashes and width of the line, which show the source of the curve.
     fn stroke(&self, style: Style) -> (&'static [f64], f64) {
         match self.of {
@@ -81,7 +86,13 @@ impl<'a> Form<'a> for &'a Curve {
     }
 
     fn draw(&self, style: Style, frame: &Frame, _: Option<Range>) -> Vec<Mark> {
-        through(&self.points, frame, self.stroke(style), style.color())
+        if !self.is_point() {
+            return through(&self.points, frame, self.stroke(style), style.color());
+        }
+        let mut marks = whiskers(&self.points, frame, WHISKER, style.color());
+        let places = places(&self.points, frame).into_iter();
+        marks.extend(places.map(|at| Mark::area(disc(at, MARKER), style.color())));
+        marks
     }
 
     /// A band for each stretch of points that have intervals.
@@ -116,7 +127,7 @@ impl<'a> Form<'a> for &'a Curve {
 
     fn sample(&self, style: Style, (x, y): Position) -> Vec<Mark> {
         let mut marks = Vec::new();
-        if self.points.iter().any(|point| point.interval.is_some()) {
+        if !self.is_point() && self.points.iter().any(|point| point.interval.is_some()) {
             marks.push(Mark::Fill {
                 points: rectangle((x, y - 3.0), (x + LINE_SAMPLE, y + 3.0)),
                 color: style.color(),
@@ -130,6 +141,12 @@ impl<'a> Form<'a> for &'a Curve {
             width,
             style.color(),
         ));
+        if self.is_point() {
+            marks.push(Mark::area(
+                disc((x + LINE_SAMPLE / 2.0, y), MARKER),
+                style.color(),
+            ));
+        }
         marks
     }
 
