@@ -127,6 +127,31 @@ pub(super) fn label_with_setting(spec: &FigureSpec, agent: &str, setting: &str) 
     }
 }
 
+/// An item for each agent among the trials of a panel, or for each setting of an agent with several, made of their
+/// trials, their label and their look. Settings of a single swept agent lie on a scale of colours. Settings of several
+/// agents differ in dashes and markers, so that agents keep their colours.
+pub(super) fn by_setting<'a, T>(
+    spec: &FigureSpec,
+    context: Context<'_>,
+    (scope, listed): (&Scope<'a>, &[String]),
+    item: impl Fn(&Scope<'a>, String, Style) -> T,
+) -> Vec<T> {
+    let agents = scope.names(Axis::Agent, listed);
+    let is_swept = |agent: &&String| scope.at(Axis::Agent, agent).varies(Axis::Setting);
+    let alone = agents.iter().filter(is_swept).count() == 1;
+    let mut items = Vec::new();
+    for agent in &agents {
+        let scope = scope.at(Axis::Agent, agent);
+        let settings = scope.names(Axis::Setting, &[]);
+        for (index, setting) in settings.iter().enumerate() {
+            let style = context.style_of_setting(agent, index, (settings.len(), alone));
+            let label = label_with_setting(spec, agent, if settings.len() > 1 { setting } else { "" });
+            items.push(item(&scope.at(Axis::Setting, setting), label, style));
+        }
+    }
+    items
+}
+
 /// A chart with one panel per environment; panels have titles if there are several.
 pub(super) fn by_environment(
     spec: &FigureSpec,

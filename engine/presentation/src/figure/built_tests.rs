@@ -1,13 +1,14 @@
-//! Figures built of synthetic results: lines of one point.
+//! Figures built of synthetic results: lines of one point, settings side by side.
 
 use super::{
-    Band, Chart, Curve, FigureSpec, LearningCurve, SeedLines, Shape, 
+    Band, Chart, Curve, FigureSpec, LearningCurve, Scatter, SeedLines, Shape, Trajectory,
     layout::draw,
     paint::Mark,
     tests::{chart, names},
 };
 use analysis::results::Results;
 use contract::{Phase, standard_metrics::UPDATES};
+use std::collections::BTreeMap;
 use testing::synthetic::{Rows, noise, trial};
 
 /// An agent that is measured once while it learns, beside one that is measured more often.
@@ -70,5 +71,103 @@ fn a_line_of_one_measurement_is_a_disc_with_an_error_bar() {
         plain
             .notes
             .contains(&"A disc is a line of one measurement.".to_owned())
+    );
+}
+
+/// Two settings of a swept agent and one without settings, with a trace of some steps.
+fn swept() -> Results {
+    let rows = |value: f64, seed: u64| -> Rows {
+        let mut rows = vec![
+            (Phase::Final, 1, 0, "return", value + noise(seed, 3, 3)),
+            (Phase::Final, 1, 0, "cost", value),
+        ];
+        rows.extend((0..4).map(|step| (Phase::Trace, step, 0, "height", value * step as f64)));
+        rows
+    };
+    let of_seed = |seed: u64| {
+        [
+            trial("e", "sac", "sac.rate=0.1", seed, &rows(1.0, seed)),
+            trial("e", "sac", "sac.rate=0.01", seed, &rows(2.0, seed)),
+            trial("e", "rule", "", seed, &rows(3.0, seed)),
+        ]
+    };
+    Results::of((0..3).flat_map(of_seed).collect())
+}
+
+fn scatter() -> FigureSpec {
+    FigureSpec::of(Scatter {
+        x: "return".into(),
+        y: "cost".into(),
+        ..Scatter::default()
+    })
+}
+
+#[test]
+fn a_scatter_tells_settings_apart() {
+    let chart = chart(&scatter(), &swept());
+    let series = &chart.panels[0].series;
+    let legends: Vec<String> = series.iter().map(super::Series::legend).collect();
+    assert_eq!(
+        legends,
+        ["sac, rate=0.1 (n = 3)", "sac, rate=0.01 (n = 3)", "rule (n = 3)"]
+    );
+    assert!(series.iter().all(|it| it.shape.points().len() == 3));
+    assert_ne!(series[0].style, series[1].style);
+}
+
+fn trajectory() -> FigureSpec {
+    FigureSpec::of(Trajectory {
+        channels: names(&["height"]),
+        ..Trajectory::default()
+    })
+}
+
+#[test]
+fn a_trajectory_has_a_column_for_each_setting() {
+    let chart = chart(&trajectory(), &swept());
+    let titles: Vec<&str> = chart.panels.iter().map(|panel| panel.title.as_str()).collect();
+    assert_eq!(titles, ["sac, rate=0.1", "sac, rate=0.01", "rule"]);
+    let last = |index: usize| chart.panels[index].series[0].shape.last_value();
+    assert_eq!((last(0), last(1), last(2)), (Some(3.0), Some(6.0), Some(9.0)));
+    assert_eq!(chart.notes, ["Episode 0 of seed 0 in e."]);
+}
+
+#[test]
+fn titles_that_would_overlap_stand_in_lines() {
+    let long = "soft actor critic, entropy learned, delayed policy, wide critics";
+    let with = |label: &str| FigureSpec {
+        labels: BTreeMap::from([("sac".into(), label.into())]),
+        ..trajectory()
+    };
+    let titles = |chart: &Chart| -> Vec<(f64, String)> {
+        let marks = draw(chart).marks.into_iter();
+        let texts = marks.filter_map(|mark| match mark {
+            Mark::Text { at, text, .. } if text.contains("rate") || text.contains("soft") => {
+                Some((at.1, text))
+            }
+            _ => None,
+        });
+        texts.collect()
+    };
+    let (short, long) = (chart(&with("sac"), &swept()), chart(&with(long), &swept()));
+    assert_eq!(titles(&short).len(), 2);
+    let lines = titles(&long);
+    assert_eq!(lines.len(), 4, "{lines:?}");
+    assert!(lines.iter().all(|(y, _)| *y > 0.0), "{lines:?}");
+    assert!(draw(&long).height > draw(&short).height);
+}
+
+#[test]
+fn of_very_many_settings_a_trajectory_shows_the_first_and_says_so() {
+    let rows = vec![(Phase::Trace, 1, 0, "height", 1.0)];
+    let with = |rate: u64| trial("e", "sac", &format!("sac.rate={rate}"), 0, &rows);
+    let mut trials: Vec<_> = (1..=7).map(with).collect();
+    trials.push(trial("e", "rule", "", 0, &rows));
+    let chart = chart(&trajectory(), &Results::of(trials));
+    let titles: Vec<&str> = chart.panels.iter().map(|panel| panel.title.as_str()).collect();
+    assert_eq!(titles, ["sac, rate=1", "rule"]);
+    assert_eq!(
+        chart.notes[1],
+        "Of several settings of an agent the first one is drawn."
     );
 }

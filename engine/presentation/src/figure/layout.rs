@@ -98,9 +98,7 @@ impl Grid {
         let columns = chart.columns.max(1);
         let mut top = self.top;
         for (row, panels) in chart.panels.chunks(columns).enumerate() {
-            // The label of a colour bar stands above it.
-            let titled = self.heights.is_some() || panels.iter().any(|panel| !panel.title.is_empty());
-            top += if titled { LINE + 2.0 } else { 4.0 };
+            top += self.room_above(panels);
             for (column, panel) in panels.iter().enumerate() {
                 self.panel(chart, panel, (row, column), top, marks);
             }
@@ -111,7 +109,9 @@ impl Grid {
             top += self.plot.1 + below.fold(0.0, f64::max) + GAP;
         }
         if let Some(heights) = self.heights {
-            let last = self.frame(0, self.lefts.len() - 1, self.top + LINE + 2.0);
+            let first_row = &chart.panels[..columns.min(chart.panels.len())];
+            let top = self.top + self.room_above(first_row);
+            let last = self.frame(0, self.lefts.len() - 1, top);
             color_scale::color_bar(chart, heights, &last, marks);
         }
         top - GAP + 3.0
@@ -133,12 +133,11 @@ impl Grid {
         if has_usual_axes {
             axes::border(&frame, marks);
         }
-        if !panel.title.is_empty() {
-            marks.push(text(
-                ((frame.left + frame.right) / 2.0, top - LINE / 2.0 - 1.5),
-                &panel.title,
-                Align::Center,
-            ));
+        let columns = chart.columns.max(1);
+        let of_row = &chart.panels[row * columns..chart.panels.len().min((row + 1) * columns)];
+        for (above, line) in self.titles(of_row)[column].iter().rev().enumerate() {
+            let y = top - LINE / 2.0 - 1.5 - LABEL_LINE * count(above);
+            marks.push(text(((frame.left + frame.right) / 2.0, y), line, Align::Center));
         }
         if has_usual_axes && !(chart.shared_y && column > 0) {
             axes::vertical(&frame, &panel.y, marks);
@@ -159,6 +158,29 @@ impl Grid {
                 marks.push(text((at.0, at.1 + down), line, Align::Center));
             }
         }
+    }
+
+    /// Room above the plots of a row of panels, for their titles and the label of a colour bar.
+    fn room_above(&self, panels: &[Panel]) -> f64 {
+        let lines = self.titles(panels).iter().map(Vec::len).max().unwrap_or(0);
+        match lines.max(usize::from(self.heights.is_some())) {
+            0 => 4.0,
+            lines => LINE + 2.0 + LABEL_LINE * count(lines - 1),
+        }
+    }
+
+    /// The lines of each title of a row of panels: one, unless neighbours would overlap.
+    fn titles(&self, panels: &[Panel]) -> Vec<Vec<String>> {
+        let width = |panel: &Panel| text_width(&panel.title, TEXT);
+        let mut pairs = panels.windows(2).zip(self.lefts.windows(2));
+        let overlap =
+            pairs.any(|(pair, lefts)| (width(&pair[0]) + width(&pair[1])) / 2.0 > lefts[1] - lefts[0]);
+        let lines = |panel: &Panel| match panel.title.as_str() {
+            "" => Vec::new(),
+            title if overlap => axes::break_lines(title, self.plot.0),
+            title => vec![title.to_owned()],
+        };
+        panels.iter().map(lines).collect()
     }
 
     /// The label of a horizontal axis, in lines that stand below the plot.

@@ -2,7 +2,7 @@
 
 use super::{
     Figure, FigureSpec,
-    build::{Context, by_environment, label_with_setting, level},
+    build::{Context, by_environment, by_setting, level},
     chart::{Chart, Scale, Series, Style},
     crowd::name_the_best,
     curve_notes,
@@ -188,28 +188,10 @@ fn build(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>) -> Resul
 }
 
 fn panel(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>, scope: &Scope<'_>) -> Vec<Series> {
-    let agents = scope.names(Axis::Agent, &kind.agents);
-    let is_swept = |agent: &&String| scope.at(Axis::Agent, agent).varies(Axis::Setting);
-    // Settings of a single swept agent lie on a scale of colours. Settings of several agents differ in dashes, so that
-    // agents keep their colours.
-    let alone = agents.iter().filter(is_swept).count() == 1;
-    let of_agent = |agent: &String| {
-        let scope = scope.at(Axis::Agent, agent);
-        let settings = scope.names(Axis::Setting, &[]);
-        let settings_of_agent = settings.len();
-        let several = settings_of_agent > 1;
-        let measured = move |(index, setting): (usize, &String)| {
-            let style = context.style_of_setting(agent, index, (settings_of_agent, alone));
-            let label = label_with_setting(spec, agent, if several { setting } else { "" });
-            SeedCurves::of(kind, &scope.at(Axis::Setting, setting), label, style)
-        };
-        settings
-            .iter()
-            .enumerate()
-            .filter_map(measured)
-            .collect::<Vec<_>>()
-    };
-    let measured: Vec<SeedCurves> = agents.iter().flat_map(of_agent).collect();
+    let of_setting =
+        |scope: &Scope<'_>, label: String, style: Style| SeedCurves::of(kind, scope, label, style);
+    let measured = by_setting(spec, context, (scope, &kind.agents), of_setting);
+    let measured: Vec<SeedCurves> = measured.into_iter().flatten().collect();
     let few = measured.iter().any(|it| it.level.is_none() && it.seeds.0 <= FEW);
     measured
         .into_iter()

@@ -2,14 +2,14 @@
 
 use super::{
     Figure, FigureSpec,
-    build::{Context, by_environment, label},
-    chart::{Chart, Point, Series},
+    build::{Context, by_environment, by_setting},
+    chart::{Chart, Point, Series, Style},
     shape::Shape,
 };
 use crate::{
     kinds::KindSpec,
     names::{Names, Place},
-    table::{Axis, Scope},
+    table::Scope,
 };
 use contract::{Error, Phase, trial_result::TrialResult};
 use schemars::JsonSchema;
@@ -62,23 +62,15 @@ fn build(kind: &Scatter, spec: &FigureSpec, context: Context<'_>) -> Result<Char
         context.scale(spec, &kind.y, false),
     );
     let mut chart = by_environment(spec, &scope, &kind.environments, scales, |scope| {
-        let agents = scope.names(Axis::Agent, &kind.agents);
-        agents
-            .iter()
-            .filter_map(|agent| cloud(kind, spec, context, &scope.at(Axis::Agent, agent), agent))
-            .collect()
+        let cloud = |scope: &Scope<'_>, label, style| cloud(kind, scope, label, style);
+        let clouds = by_setting(spec, context, (scope, &kind.agents), cloud);
+        clouds.into_iter().flatten().collect()
     })?;
     chart.notes.push("One point per seed.".into());
     Ok(chart)
 }
 
-fn cloud(
-    kind: &Scatter,
-    spec: &FigureSpec,
-    context: Context<'_>,
-    scope: &Scope<'_>,
-    agent: &str,
-) -> Option<Series> {
+fn cloud(kind: &Scatter, scope: &Scope<'_>, label: String, style: Style) -> Option<Series> {
     let point = |trial: &&TrialResult| {
         let mean = |metric: &str| trial.mean(Phase::Final, metric);
         Some(Point {
@@ -94,9 +86,8 @@ fn cloud(
         .filter_map(point)
         .collect();
     let seeds = Some((scope.finals(&kind.y).len(), scope.planned()));
-    let style = context.style(agent);
-    (!points.is_empty()).then(|| Series {
-        label: label(spec, agent),
+    (!points.is_empty()).then_some(Series {
+        label,
         seeds,
         style,
         shape: Shape::Points(points),

@@ -1,8 +1,8 @@
-//! Trajectories: one recorded episode, a row of panels per channel, a column per agent.
+//! Trajectories: one recorded episode, a row of panels per channel, a column per agent and setting.
 
 use super::{
     Figure, FigureSpec,
-    build::{Context, label, problem},
+    build::{Context, by_setting, label, problem},
     chart::{Chart, Hue, Panel, Point, Scale, Series, Style},
     shape::Shape,
 };
@@ -77,57 +77,63 @@ impl Figure for Trajectory {
     }
 }
 
+/// A column of panels: its title and its trial.
+struct Column<'a> {
+    title: String,
+    trial: &'a TrialResult,
+}
+
 /// Panels of one episode. Panels of a row share the vertical axis; all panels share the horizontal one.
 fn build(kind: &Trajectory, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
-    let trials = trials(kind, context);
-    let has_trace = |trial: &&TrialResult| {
-        kind.channels
-            .iter()
-            .any(|channel| !lines(kind, trial, channel).is_empty())
-    };
-    let trials: Vec<&TrialResult> = trials.into_iter().filter(has_trace).collect();
-    if trials.is_empty() {
-        return Err(problem("no trial has recorded a trace of these channels"));
-    }
+    let (columns, cut) = columns(kind, spec, context);
+    let first = columns
+        .first()
+        .ok_or_else(|| problem("no trial has recorded a trace of these channels"))?;
     let mut panels = Vec::new();
     for (row, channel) in kind.channels.iter().enumerate() {
-        let mut of_row: Vec<Panel> = trials
-            .iter()
-            .map(|trial| panel(kind, spec, context, channel, trial))
-            .collect();
-        if let Some(reference) = kind.references.get(row) {
-            for (panel, trial) in of_row.iter_mut().zip(&trials) {
-                panel.series.splice(0..0, behind(kind, spec, reference, trial));
+        for column in &columns {
+            let mut panel = panel(kind, spec, context, channel, column.trial);
+            if let Some(reference) = kind.references.get(row) {
+                panel
+                    .series
+                    .splice(0..0, behind(kind, spec, reference, column.trial));
             }
+            if row == 0 {
+                panel.title.clone_from(&column.title);
+                panel.series.extend(kind.threshold.map(threshold));
+            }
+            panels.push(panel);
         }
-        for (column, panel) in of_row.iter_mut().enumerate().filter(|_| row == 0) {
-            panel.title = label(spec, &trials[column].trial.cell.agent);
-            panel.series.extend(kind.threshold.map(threshold));
-        }
-        panels.extend(of_row);
     }
     name_once(&mut panels);
-    let trial = &trials[0].trial;
     let which = match kind.episodes.unwrap_or(1) {
         1 => format!("Episode {}", kind.episode),
         several => format!("Episodes {} to {}", kind.episode, kind.episode + several - 1),
     };
     let note = format!(
         "{which} of seed {} in {}.",
-        trial.key.seed,
-        label(spec, &trial.cell.environment)
+        first.trial.trial.key.seed,
+        label(spec, &first.trial.trial.cell.environment)
     );
     Ok(Chart {
         panels,
-        columns: trials.len(),
+        columns: columns.len(),
         shared_x: true,
         shared_y: true,
-        notes: vec![note],
+        notes: std::iter::once(note).chain(cut).collect(),
         ..Chart::default()
     })
 }
 
-fn trials<'a>(kind: &Trajectory, context: Context<'a>) -> Vec<&'a TrialResult> {
+/// A column for each agent and setting with a trace, or for the first such setting of each agent, with a sentence on
+/// it, where columns for all would be too narrow.
+fn columns<'a>(
+    kind: &Trajectory,
+    spec: &FigureSpec,
+    context: Context<'a>,
+) -> (Vec<Column<'a>>, Option<String>) {
+    /// Largest number of columns with several settings of an agent.
+    const MOST: usize = 6;
     let environments: Vec<String> = kind.environment.iter().cloned().collect();
     let scope = Scope::of(context.results, &kind.agents, &environments);
     let environment = scope
@@ -139,17 +145,25 @@ fn trials<'a>(kind: &Trajectory, context: Context<'a>) -> Vec<&'a TrialResult> {
     let seed = kind
         .seed
         .or_else(|| scope.trials.iter().map(|trial| trial.trial.key.seed).min());
-    let of_agent = |agent: &String| {
-        let trials = scope.at(Axis::Agent, agent).trials;
-        trials
-            .into_iter()
-            .find(|trial| Some(trial.trial.key.seed) == seed && trial.is_ok())
+    let has_trace = |trial: &TrialResult| {
+        let mut channels = kind.channels.iter();
+        channels.any(|channel| !lines(kind, trial, channel).is_empty())
     };
-    scope
-        .names(Axis::Agent, &kind.agents)
-        .iter()
-        .filter_map(of_agent)
-        .collect()
+    let is_drawn =
+        |trial: &&TrialResult| Some(trial.trial.key.seed) == seed && trial.is_ok() && has_trace(trial);
+    let column = |scope: &Scope<'a>, title: String, _| {
+        let trial = scope.trials.iter().copied().find(is_drawn)?;
+        Some(Column { title, trial })
+    };
+    let columns = by_setting(spec, context, (&scope, &kind.agents), column);
+    let mut columns: Vec<Column<'a>> = columns.into_iter().flatten().collect();
+    let all = columns.len();
+    if all > MOST {
+        columns.dedup_by(|next, first| next.trial.trial.cell.agent == first.trial.trial.cell.agent);
+    }
+    let cut =
+        (columns.len() < all).then(|| "Of several settings of an agent the first one is drawn.".to_owned());
+    (columns, cut)
 }
 
 fn panel(
