@@ -5,7 +5,7 @@ use super::{
     chart::{Chart, Hue, Paper, Scale, Series, Style},
     shape::Shape,
 };
-use crate::table::{Axis, Scope};
+use crate::table::{Axis, Cell, Scope};
 use analysis::results::Results;
 use contract::{Better, Error};
 use std::collections::BTreeMap;
@@ -182,6 +182,52 @@ pub(super) fn by_environment(
         panels,
         ..Chart::default()
     })
+}
+
+/// A sentence on each agent or setting that has trials in the environment of a panel and no series there: its number of
+/// seeds, and why they have no value. `lack` names what the trials lack that ended successfully.
+pub(super) fn left_out(
+    spec: &FigureSpec,
+    context: Context<'_>,
+    (agents, environments): (&[String], &[String]),
+    chart: &Chart,
+    lack: impl Fn(&Scope<'_>) -> String,
+) -> Vec<String> {
+    let scope = Scope::of(context.results, agents, environments);
+    let names = scope.names(Axis::Environment, environments);
+    let mut sentences = Vec::new();
+    for (name, panel) in names.iter().zip(&chart.panels) {
+        let is_drawn = |label: &str| {
+            let mut own = panel.series.iter().filter(|it| !it.shape.form().is_published());
+            own.any(|series| series.label == label)
+        };
+        let absent = |scope: &Scope<'_>, agent: String, _| {
+            let cell = Cell {
+                planned: scope.planned(),
+                missing: scope.absences(),
+                ..Cell::default()
+            };
+            let place = if names.len() > 1 {
+                format!(" in {}", label(spec, name))
+            } else {
+                String::new()
+            };
+            let lacks = if scope.trials.iter().any(|trial| trial.is_ok()) {
+                format!("; {}", lack(scope))
+            } else {
+                String::new()
+            };
+            let why = cell.incompleteness();
+            (!is_drawn(&agent)).then(|| format!("{agent}{place} is left out: {why}{lacks}."))
+        };
+        let here = scope.at(Axis::Environment, name);
+        sentences.extend(
+            by_setting(spec, context, (&here, agents), absent)
+                .into_iter()
+                .flatten(),
+        );
+    }
+    sentences
 }
 
 /// A line across the panel at the mean of agents that do not learn.

@@ -1,4 +1,4 @@
-//! Figures built of synthetic results: lines of one point, settings side by side.
+//! Figures built of synthetic results: lines of one point, settings side by side, agents that are left out.
 
 use super::{
     Band, Chart, Curve, FigureSpec, LearningCurve, Scatter, SeedLines, Shape, Trajectory,
@@ -7,9 +7,9 @@ use super::{
     tests::{chart, names},
 };
 use analysis::results::Results;
-use contract::{Phase, standard_metrics::UPDATES};
+use contract::{Phase, standard_metrics::UPDATES, trial_end::EndState};
 use std::collections::BTreeMap;
-use testing::synthetic::{Rows, noise, trial};
+use testing::synthetic::{Rows, ended, noise, trial};
 
 /// An agent that is measured once while it learns, beside one that is measured more often.
 fn measured_once(seeds: u64) -> Results {
@@ -170,4 +170,45 @@ fn of_very_many_settings_a_trajectory_shows_the_first_and_says_so() {
         chart.notes[1],
         "Of several settings of an agent the first one is drawn."
     );
+}
+
+#[test]
+fn agents_without_a_curve_or_cloud_are_named() {
+    let mut results = measured_once(2);
+    let rows: Rows = vec![
+        (Phase::Final, 1, 0, "return", 1.0),
+        (Phase::Final, 1, 0, "cost", 1.0),
+    ];
+    for seed in 0..2 {
+        results.trials.push(ended(
+            trial("e", "broken", "", seed, &Vec::new()),
+            EndState::Failed,
+            "",
+        ));
+        let other = vec![
+            (Phase::Final, 1, 0, "cost", 1.0),
+            (Phase::Final, 1, 0, UPDATES, 1.0),
+        ];
+        results.trials.push(trial("e", "other", "", seed, &other));
+        results.trials.push(trial("e", "rule", "", seed, &rows));
+    }
+    let notes = chart(&curve_figure(), &results).notes;
+    assert_eq!(
+        notes[notes.len() - 2..],
+        [
+            "broken is left out: 0 of 2 seeds; 2 failed.",
+            "other is left out: 0 of 2 seeds; no `return` recorded while it learned."
+        ]
+    );
+    let notes = chart(&scatter(), &results).notes.join(" ");
+    assert!(
+        notes.contains("broken is left out: 0 of 2 seeds; 2 failed."),
+        "{notes}"
+    );
+    assert!(
+        notes.contains("other is left out: 0 of 2 seeds; no seed has both `return` and `cost`."),
+        "{notes}"
+    );
+    let complete = chart(&curve_figure(), &measured_once(2)).notes.join(" ");
+    assert!(!complete.contains("left out"), "{complete}");
 }

@@ -2,7 +2,7 @@
 
 use super::{
     Figure, FigureSpec,
-    build::{Context, by_environment, by_setting, level},
+    build::{Context, by_environment, by_setting, left_out, level},
     chart::{Chart, Scale, Series, Style},
     crowd::name_the_best,
     curve_notes,
@@ -184,6 +184,12 @@ fn build(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>) -> Resul
     let crowded = name_the_best(&mut chart, context.better(&kind.metric));
     chart.notes.extend(curve_notes::sentences(kind, &chart));
     chart.notes.extend(crowded);
+    let lack = |scope: &Scope<'_>| {
+        let when = if scope.learns() { " while it learned" } else { "" };
+        format!("no `{}` recorded{when}", kind.metric)
+    };
+    let picked = (&kind.agents[..], &kind.environments[..]);
+    chart.notes.extend(left_out(spec, context, picked, &chart, lack));
     Ok(chart)
 }
 

@@ -2,7 +2,7 @@
 
 use super::{
     Figure, FigureSpec,
-    build::{Context, by_environment, by_setting},
+    build::{Context, by_environment, by_setting, left_out},
     chart::{Chart, Point, Series, Style},
     shape::Shape,
 };
@@ -67,6 +67,9 @@ fn build(kind: &Scatter, spec: &FigureSpec, context: Context<'_>) -> Result<Char
         clouds.into_iter().flatten().collect()
     })?;
     chart.notes.push("One point per seed.".into());
+    let lack = |_: &Scope<'_>| format!("no seed has both `{}` and `{}`", kind.x, kind.y);
+    let picked = (&kind.agents[..], &kind.environments[..]);
+    chart.notes.extend(left_out(spec, context, picked, &chart, lack));
     Ok(chart)
 }
 
