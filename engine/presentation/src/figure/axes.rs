@@ -1,6 +1,7 @@
 //! Axes of one panel: ranges, ticks, grid and labels.
 
 use super::{
+    category_labels::CategoryLabels,
     chart::{Panel, Scale},
     layout::{count, text},
     paint::{Align, Mark, Position, text_width},
@@ -188,30 +189,30 @@ pub(super) fn vertical(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) {
 /// Ticks and numbers or names of the horizontal axis; returns the depth to which they reach.
 pub(super) fn horizontal(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) -> f64 {
     let ticks = ticks(scale, frame.x, frame.right - frame.left, true);
-    let slot = (frame.right - frame.left) / count(scale.categories.len().max(1)) - 4.0;
-    let mut lowest: f64 = 1.0;
-    for tick in ticks {
-        let (x, _) = frame.at(tick.value, frame.y.low);
+    let slot = (frame.right - frame.left) / count(scale.categories.len().max(1));
+    let place = |tick: &Tick| (frame.at(tick.value, frame.y.low).0, frame.bottom);
+    let categories = (!scale.categories.is_empty()).then(|| {
+        let names = ticks.iter().map(|tick| (place(tick), tick.text.clone()));
+        CategoryLabels::of(names.collect(), slot, frame.right)
+    });
+    for (index, tick) in ticks.iter().enumerate() {
+        let (x, bottom) = place(tick);
         let length = if tick.text.is_empty() { TICK * 0.6 } else { TICK };
         marks.push(Mark::Line {
-            points: vec![(x, frame.bottom), (x, frame.bottom + length)],
+            points: vec![(x, bottom), (x, bottom + length)],
             width: AXIS_WIDTH,
             color: INK,
         });
-        let lines = if scale.categories.is_empty() {
-            vec![tick.text]
-        } else {
-            break_lines(&tick.text, slot)
-        };
-        for (index, line) in lines.iter().enumerate() {
-            let down = TICK + 2.0 + LINE * (count(index) + 0.5);
-            // A wide label moves to the left until it fits.
-            let most = frame.right + OVERHANG - text_width(line, TEXT) / 2.0;
-            marks.push(text((x.min(most), frame.bottom + down), line, Align::Center));
+        if let Some(names) = &categories {
+            marks.extend(names.marks(index));
+            continue;
         }
-        lowest = lowest.max(count(lines.len()));
+        // A wide number moves to the left until it fits.
+        let most = frame.right + OVERHANG - text_width(&tick.text, TEXT) / 2.0;
+        let down = TICK + 2.0 + LINE * 0.5;
+        marks.push(text((x.min(most), bottom + down), &tick.text, Align::Center));
     }
-    TICK + 2.0 + lowest * LINE
+    categories.map_or(TICK + 2.0 + LINE, |names| names.depth())
 }
 
 /// An upright label in one line, or in several if it is longer than the room; `x` is the middle of the first line.
@@ -286,7 +287,7 @@ mod tests {
             y: range,
         };
         let scale = Scale {
-            categories: vec!["a".into(), "unbreakable_and_wide".into()],
+            categories: vec![String::new(), "unbreakable_and_wide".into()],
             ..Scale::default()
         };
         for scale in [Scale::default(), scale] {

@@ -6,6 +6,7 @@ mod best_so_far;
 mod build;
 #[cfg(test)]
 mod built_tests;
+mod category_labels;
 mod chart;
 mod color_scale;
 mod contour;

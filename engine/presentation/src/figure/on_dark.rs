@@ -74,6 +74,8 @@ impl Shades {
         for style in series.map(|series| series.style) {
             colors.insert(capitals(style.color()), hex(style.on_dark()));
             colors.insert(capitals(style.light()), hex(style.dim()));
+            let bar = blend(style.on_dark(), DARK_PAPER, style.paleness());
+            colors.insert(capitals(style.fill()), hex(bar));
         }
         Self {
             ground,

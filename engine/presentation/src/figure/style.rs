@@ -70,6 +70,20 @@ impl Style {
         }
     }
 
+    /// Colour of bars, which have no dashes: lighter from the ninth agent on, where the palette begins again.
+    #[must_use]
+    pub fn fill(self) -> Rgb {
+        blend(self.color(), (0xff, 0xff, 0xff), self.paleness())
+    }
+
+    /// Part of the paper in the colour of bars, from 0 to 0.75.
+    pub(super) fn paleness(self) -> f64 {
+        match self.hue {
+            Hue::Palette(index) => [0.0, 0.5, 0.75][(index / PALETTE.len()).min(2)],
+            _ => 0.0,
+        }
+    }
+
     /// Width of a line in points.
     #[must_use]
     pub fn width(self) -> f64 {
@@ -174,6 +188,14 @@ mod tests {
         let looks: std::collections::BTreeSet<(Rgb, Marker)> =
             looks.map(|it| (it.color(), it.marker())).collect();
         assert_eq!(looks.len(), 32);
+    }
+
+    #[test]
+    fn bars_of_twenty_agents_differ_in_colour_and_the_first_eight_have_the_palette() {
+        let fills: std::collections::BTreeSet<Rgb> =
+            (0..20).map(|index| Style::of_agent(index).fill()).collect();
+        assert_eq!(fills.len(), 20);
+        assert!((0..8).all(|index| Style::of_agent(index).fill() == Style::of_agent(index).color()));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Bars from zero with an interval each.
 
-use super::{Form, Frame, Mark, NumberFormat, Panel, Point, Range, Style, Values, rectangle};
+use super::{Form, Frame, Mark, NumberFormat, Panel, Point, Position, Range, Style, Values, rectangle};
 use crate::figure::{
     in_words::at_names,
     strokes::{WHISKER, whiskers},
@@ -28,7 +28,7 @@ impl<'a> Form<'a> for Bars<'a> {
         let half = self.1 * 0.46;
         let bar = |point: &Point| {
             let corners = (frame.at(point.x - half, point.y), frame.at(point.x + half, 0.0));
-            Mark::area(rectangle(corners.0, corners.1), style.color())
+            Mark::area(rectangle(corners.0, corners.1), style.fill())
         };
         let finite = self.0.iter().filter(|point| point.y.is_finite());
         let mut marks: Vec<Mark> = finite.map(bar).collect();
@@ -43,6 +43,12 @@ impl<'a> Form<'a> for Bars<'a> {
         marks.extend(whiskers(self.0, frame, WHISKER + 1.0, (0xff, 0xff, 0xff)));
         marks.extend(whiskers(self.0, frame, WHISKER, INK));
         marks
+    }
+
+    fn sample(&self, style: Style, (x, y): Position) -> Vec<Mark> {
+        let middle = x + self.sample_width() / 2.0;
+        let points = rectangle((middle - 4.0, y - 3.5), (middle + 4.0, y + 3.5));
+        vec![Mark::area(points, style.fill())]
     }
 
     fn nouns(&self) -> (&'static str, &'static str) {
