@@ -5,7 +5,7 @@ use super::{
     chart::{Chart, Hue, Paper, Scale, Series, Style},
     shape::Shape,
 };
-use crate::table::{Axis, Cell, Scope};
+use crate::table::{Axis, Cell, Scope, one_line};
 use analysis::results::Results;
 use contract::{Better, Error};
 use std::collections::BTreeMap;
@@ -30,14 +30,15 @@ pub struct Context<'a> {
 pub fn build(spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let mut chart = spec.kind.build(spec, context)?;
     for panel in &mut chart.panels {
-        panel.x.label = spec
-            .x_label
-            .clone()
-            .unwrap_or_else(|| std::mem::take(&mut panel.x.label));
-        panel.y.label = spec
-            .y_label
-            .clone()
-            .unwrap_or_else(|| std::mem::take(&mut panel.y.label));
+        panel.title = one_line(&panel.title);
+        let names = panel.series.iter_mut().map(|series| &mut series.label);
+        let names = names.chain(&mut panel.x.categories);
+        for name in names.chain(&mut panel.y.categories) {
+            *name = one_line(name);
+        }
+        let label = |own: &Option<String>, chosen: &str| one_line(own.as_deref().unwrap_or(chosen));
+        panel.x.label = label(&spec.x_label, &panel.x.label);
+        panel.y.label = label(&spec.y_label, &panel.y.label);
     }
     chart.notes.extend(beyond_the_axes(&chart));
     chart.notes.extend(spec.notes.iter().cloned());

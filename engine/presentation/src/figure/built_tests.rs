@@ -1,11 +1,13 @@
-//! Figures built of synthetic results: lines of one point, settings side by side, agents that are left out.
+//! Figures built of synthetic results: lines of one point, settings side by side, agents that are left out, and long
+//! names.
 
 use super::{
-    Band, Chart, Curve, FigureSpec, LearningCurve, Scatter, SeedLines, Shape, Trajectory,
+    Band, Bars, Chart, Curve, FigureSpec, LearningCurve, Scatter, SeedLines, Shape, Trajectory,
     layout::draw,
     paint::Mark,
     tests::{chart, names},
 };
+use crate::table::{self, Comparison, Form, TableSpec};
 use analysis::results::Results;
 use contract::{Phase, standard_metrics::UPDATES, trial_end::EndState};
 use std::collections::BTreeMap;
@@ -211,4 +213,71 @@ fn agents_without_a_curve_or_cloud_are_named() {
     );
     let complete = chart(&curve_figure(), &measured_once(2)).notes.join(" ");
     assert!(!complete.contains("left out"), "{complete}");
+}
+
+#[test]
+fn a_break_in_a_label_becomes_a_space() {
+    let labels = BTreeMap::from([("rule".into(), "rule\nof thumb".into())]);
+    let spec = FigureSpec {
+        labels: labels.clone(),
+        x_label: Some("one\r\ntwo".into()),
+        ..scatter()
+    };
+    let drawn = chart(&spec, &swept());
+    assert_eq!(drawn.panels[0].series[2].label, "rule of thumb");
+    assert_eq!(drawn.panels[0].x.label, "one two");
+    let of = Comparison {
+        agents: names(&["rule"]),
+        form: Some(Form::Value),
+        labels,
+        ..Comparison::default()
+    };
+    let bars = chart(&FigureSpec::of(Bars { of: of.clone() }), &swept());
+    assert_eq!(bars.panels[0].x.categories, ["rule of thumb"]);
+    let grid = table::build(&TableSpec::of(of), &swept()).unwrap();
+    assert_eq!(grid.rows[0].label, "rule of thumb");
+}
+
+/// Bars of agents with long names.
+fn many_bars(agents: usize) -> Chart {
+    let all = (0..agents).flat_map(|index| {
+        let name = format!("value_decomposition_{}", index + 1);
+        (0..3).map(move |seed| {
+            let value = 3.0 + index as f64 + noise(seed, index as u64, 7);
+            trial("e", &name, "", seed, &vec![(Phase::Final, 1, 0, "return", value)])
+        })
+    });
+    let of = Comparison::default();
+    chart(&FigureSpec::of(Bars { of }), &Results::of(all.collect()))
+}
+
+/// Figures for inspection by eye.
+pub(super) fn pictures() -> Vec<(&'static str, Chart)> {
+    let long = "with an entropy temperature that is learned, a batch of 256 and a target that moves slowly";
+    let labelled = FigureSpec {
+        labels: BTreeMap::from([("once".into(), long.into())]),
+        ..curve_figure()
+    };
+    let bars_by_agent = {
+        let mut chart = many_bars(12);
+        let panel = &mut chart.panels[0];
+        let points = panel.series[0].shape.points().to_vec();
+        let bar = |(index, point): (usize, &super::Point)| super::Series {
+            label: format!("agent {}", index + 1),
+            seeds: None,
+            style: super::Style::of_agent(index),
+            shape: Shape::Bars(vec![*point], 0.8),
+        };
+        panel.series = points.iter().enumerate().map(bar).collect();
+        chart
+    };
+    vec![
+        ("one-point", chart(&curve_figure(), &measured_once(6))),
+        ("one-point-few", chart(&curve_figure(), &measured_once(3))),
+        ("long-legend", chart(&labelled, &measured_once(6))),
+        ("six-bars", many_bars(6)),
+        ("twelve-bars", bars_by_agent),
+        ("scatter-settings", chart(&scatter(), &swept())),
+        ("trajectory-settings", chart(&trajectory(), &swept())),
+    ]
 }

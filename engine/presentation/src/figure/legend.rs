@@ -1,9 +1,10 @@
 //! The legend above the panels: outside, so that it hides no data.
 
 use super::{
-    axes::TEXT,
+    axes::{TEXT, break_lines},
+    category_labels::shortened,
     chart::{Chart, Series},
-    layout::text,
+    layout::{count, text},
     paint::{Align, Mark, text_width},
 };
 use std::collections::BTreeSet;
@@ -11,27 +12,53 @@ use std::collections::BTreeSet;
 const GAP: f64 = 12.0;
 const LINE: f64 = 11.0;
 
+/// One entry in its lines; one that is longer than the figure is broken between words.
+struct Entry<'a> {
+    series: &'a Series,
+    texts: Vec<String>,
+}
+
+impl<'a> Entry<'a> {
+    /// An entry that is no wider than `width` points.
+    fn of(series: &'a Series, text: String, width: f64) -> Self {
+        let room = width - series.shape.form().sample_width() - 4.0;
+        let texts = if text_width(&text, TEXT) <= room {
+            vec![text]
+        } else {
+            let lines = break_lines(&text, room);
+            lines.iter().map(|line| shortened(line, room)).collect()
+        };
+        Self { series, texts }
+    }
+
+    /// Its width with the gap after it, in points.
+    fn width(&self) -> f64 {
+        let widths = self.texts.iter().map(|text| text_width(text, TEXT));
+        self.series.shape.form().sample_width() + 4.0 + widths.fold(0.0, f64::max) + GAP
+    }
+}
+
 /// Draws the legend centred in the width, in as many lines as it needs; returns its height, 0 without
 /// entries.
 pub(super) fn draw(chart: &Chart, width: f64, marks: &mut Vec<Mark>) -> f64 {
-    let lines = lines(&entries(chart), width - 8.0);
+    let rows = rows(entries(chart), width - 8.0);
     let mut y = LINE / 2.0 + 2.0;
-    for line in &lines {
-        let used: f64 = line
-            .iter()
-            .map(|(series, entry)| entry_width(series, entry))
-            .sum::<f64>()
-            - GAP;
+    for row in &rows {
+        let used: f64 = row.iter().map(Entry::width).sum::<f64>() - GAP;
         let mut x = ((width - used) / 2.0).max(4.0);
-        for (series, entry) in line {
-            let form = series.shape.form();
-            marks.extend(form.sample(series.style, (x, y)));
-            marks.push(text((x + form.sample_width() + 4.0, y), entry, Align::Left));
-            x += entry_width(series, entry);
+        for entry in row {
+            let form = entry.series.shape.form();
+            marks.extend(form.sample(entry.series.style, (x, y)));
+            for (index, line) in entry.texts.iter().enumerate() {
+                let at = (x + form.sample_width() + 4.0, y + LINE * count(index));
+                marks.push(text(at, line, Align::Left));
+            }
+            x += entry.width();
         }
-        y += LINE;
+        let lines = row.iter().map(|entry| entry.texts.len()).max().unwrap_or(1);
+        y += LINE * count(lines);
     }
-    if lines.is_empty() {
+    if rows.is_empty() {
         0.0
     } else {
         y - LINE / 2.0 + 2.0
@@ -94,23 +121,66 @@ fn name(group: &[&Series]) -> String {
     }
 }
 
-fn lines<'a>(entries: &[(&'a Series, String)], width: f64) -> Vec<Vec<(&'a Series, String)>> {
-    let mut lines: Vec<Vec<(&Series, String)>> = Vec::new();
+fn rows(entries: Vec<(&Series, String)>, width: f64) -> Vec<Vec<Entry<'_>>> {
+    let mut rows: Vec<Vec<Entry<'_>>> = Vec::new();
     let mut used = f64::INFINITY;
-    for (series, entry) in entries {
-        let room = entry_width(series, entry);
+    for (series, text) in entries {
+        let entry = Entry::of(series, text, width);
+        let room = entry.width();
         if used + room - GAP > width {
-            lines.push(Vec::new());
+            rows.push(Vec::new());
             used = 0.0;
         }
         used += room;
-        if let Some(line) = lines.last_mut() {
-            line.push((*series, entry.clone()));
+        if let Some(row) = rows.last_mut() {
+            row.push(entry);
         }
     }
-    lines
+    rows
 }
 
-fn entry_width(series: &Series, entry: &str) -> f64 {
-    series.shape.form().sample_width() + 4.0 + text_width(entry, TEXT) + GAP
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::figure::{Panel, Shape, Style};
+
+    #[test]
+    fn an_entry_longer_than_the_figure_is_broken_and_a_long_word_loses_its_middle() {
+        const WIDTH: f64 = 241.0;
+        let label = format!("sac, {} batch_size=256, width=64", "x".repeat(90));
+        let series = |label: &str| Series {
+            label: label.into(),
+            seeds: Some((3, 3)),
+            style: Style::default(),
+            shape: Shape::Line(Vec::new()),
+        };
+        let chart = Chart {
+            panels: vec![Panel {
+                series: vec![series(&label), series("rule")],
+                ..Panel::default()
+            }],
+            columns: 1,
+            ..Chart::default()
+        };
+        let mut marks = Vec::new();
+        let height = draw(&chart, WIDTH, &mut marks);
+        let texts: Vec<(f64, f64, &str)> = marks
+            .iter()
+            .filter_map(|mark| match mark {
+                Mark::Text { at, text, .. } => Some((at.0, at.1, text.as_str())),
+                _ => None,
+            })
+            .collect();
+        assert!(
+            texts
+                .iter()
+                .all(|(x, _, text)| x + text_width(text, TEXT) <= WIDTH - 3.9)
+        );
+        let words: Vec<&str> = texts.iter().map(|(.., text)| *text).collect();
+        assert_eq!(words[0], "sac,");
+        assert!(words[1].contains('…'), "{words:?}");
+        assert_eq!(words[2..], ["batch_size=256, width=64 (n = 3)", "rule (n = 3)"]);
+        assert!(texts.windows(2).all(|pair| pair[1].1 - pair[0].1 > LINE - 1e-9));
+        assert!(height > 4.0 * LINE);
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::{
     Band, Bars, Chart, Context, Contour, Figure, FigureSpec, GroupedLines, HeatMap, LearningCurve, Scatter,
-    Shape, Trajectory, build, curve_tests, drawn_tests, png, svg,
+    Shape, Trajectory, build, built_tests, curve_tests, drawn_tests, png, svg,
 };
 use crate::kinds::KindSpec;
 use crate::table::{Axis, Comparison, TableAxis};
@@ -264,6 +264,7 @@ fn all(dir: &Path) -> Vec<(&'static str, Chart)> {
         ("contour", chart(&contour, &contour_results)),
     ];
     all.extend(curve_tests::pictures(dir));
+    all.extend(built_tests::pictures());
     all.extend(drawn_tests::pictures());
     all.extend(super::suite::tests::pictures());
     all

@@ -209,6 +209,10 @@ pub(crate) fn kind<T: Table + KindSpec>() -> Readable<dyn Table> {
 pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     let kind = &spec.kind;
     let (mut grid, baselines) = (kind.build(results)?, kind.baselines(results));
+    for heading in grid.rows.iter_mut().chain(&mut grid.columns) {
+        heading.label = one_line(&heading.label);
+    }
+    grid.quantity.value = one_line(&grid.quantity.value);
     grid.caption.clone_from(&spec.caption);
     grid.notes.extend(spec.notes.iter().cloned());
     if let Some(system) = &spec.of_another_system {
@@ -245,6 +249,12 @@ pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
         }
     }
     Ok(grid)
+}
+
+/// A label with a space for each break between lines: neither a row of a terminal nor a line of a figure has a place for
+/// a break.
+pub(crate) fn one_line(label: &str) -> String {
+    label.replace("\r\n", " ").replace(['\n', '\r'], " ")
 }
 
 fn problem(problem: &str) -> Error {
