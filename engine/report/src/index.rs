@@ -272,7 +272,7 @@ mod tests {
              class=\"word supported\">",
             "<a href=\"small/index.html#voltages\"><img loading=\"lazy\" src=\"small/figures/voltages.svg\"",
             "<code>small</code> · 12 s in 7 trials",
-            "<h2>What is open</h2><p>3 of 4 values and claims that are judged are decided (75 %).</p>",
+            "<h2>What is open</h2><p>2 of 4 values and claims that are judged are decided (50 %).</p>",
             "<code>claim 2: a.x &gt; c.x</code></td><td class=\"value\">40</td><td class=\"value\">61 s</td>",
         ] {
             assert!(page.contains(part), "{part}\n{page}");

@@ -491,7 +491,7 @@ fn successes_of(values: &[f64]) -> Share {
 }
 
 /// Approximate number of further seeds that would decide with a power of 80 %; at least those that are missing to the
-/// smallest number that decides.
+/// smallest number that decides. `None` for one seed, for shares, and if no affordable number would.
 #[must_use]
 pub fn more_seeds(look: &Look, alpha: f64) -> Option<u32> {
     let missing = u32::try_from(FEWEST_SEEDS.saturating_sub(look.evidence.n())).unwrap_or(0);
