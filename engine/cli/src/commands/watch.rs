@@ -118,7 +118,7 @@ fn refuse_unknown(metric: &str, planned: &[Planned]) -> Result<(), Failure> {
     if known.contains(metric) {
         return Ok(());
     }
-    let help = suggest(metric, known.into_iter());
+    let help = suggest(metric, known);
     Err(Failure {
         exit: Exit::BadStudy,
         text: format!("error: --metric {metric}: no trial records `{metric}`: {help}"),
