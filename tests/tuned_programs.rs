@@ -8,7 +8,8 @@ fn study(search: &str) -> String {
         "study: tuned
 environments: {{ w: {{ named: {{ id: W }} }}, v: {{ named: {{ id: V }} }} }}
 agents:
-  mine: {{ program: {{ run: [sh, p.sh, '{{x}}'], parameters: {{ x: 1 }}, sources: [p.sh], lock: none, metrics: {{ ret: ret }} }} }}
+  mine:
+    program: {{ run: [sh, p.sh, '{{x}}'], parameters: {{ x: 1 }}, sources: [p.sh], lock: none, metrics: {{ ret: ret }} }}
 tune:
   best: {{ environment: w, metric: ret, {search} }}
 protocol: {{ train_evaluate: {{ steps: 10, evaluate_every: 5 }} }}
@@ -48,7 +49,8 @@ fn a_search_goes_on_with_the_study_with_which_it_began() {
 
 #[test]
 fn a_program_that_ends_before_a_pause_is_compared_by_its_last_value() {
-    let search = "over: { mine.x: { choice: [1, 2, 3, 4] } }, settings: 4, method: { halving: { pauses: [5], keep: 0.5 } }";
+    let search = "over: { mine.x: { choice: [1, 2, 3, 4] } }, settings: 4, \
+                  method: { halving: { pauses: [5], keep: 0.5 } }";
     let bench = bench(search, "echo step=1 ret=9\necho step=4 ret=$1\n");
     let study = study(search).replace(
         "parameters:",

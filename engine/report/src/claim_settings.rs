@@ -8,8 +8,8 @@ use contract::{sweep_point::split_words, trial_result::TrialResult};
 use document::count::count;
 use presentation::table::{Axis, Scope};
 
-/// The settings of a claim in a scope, each in words: those of its agents with several, joined where they agree. A setting
-/// that another agent does not have is a setting, too, since its claim has no seeds.
+/// The settings of a claim in a scope, each in words: those of its agents with several, joined where they agree. A
+/// setting that another agent does not have is a setting, too, since its claim has no seeds.
 pub(super) fn settings(claim: &Claim, scope: &Scope<'_>) -> Vec<Option<String>> {
     let mut joined: Vec<String> = Vec::new();
     for operand in claim.operands() {

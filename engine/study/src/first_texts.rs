@@ -8,8 +8,8 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-/// The bytes of a study's files. Loads with the same options read each file once, so that a search goes on with the study
-/// with which it began, even if somebody saves another version meanwhile.
+/// The bytes of a study's files. Loads with the same options read each file once, so that a search goes on with the
+/// study with which it began, even if somebody saves another version meanwhile.
 #[derive(Debug, Clone, Default)]
 pub struct FirstTexts {
     bytes: Arc<Mutex<BTreeMap<PathBuf, Vec<u8>>>>,

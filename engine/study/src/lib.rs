@@ -25,7 +25,8 @@
 //! | `cross_play` | plays: agents that meet after they were trained, with their seats |
 //! | `imported_runs` | runs of other programs, beside the study's agents |
 //! | `quotes` | placeholders for values of the study in its texts |
-//! | `search_checks`, `search_overlaps` | checks of searches against the metrics of trials, and against other sections |
+//! | `search_checks` | checks of searches against the metrics of trials |
+//! | `search_overlaps` | checks of searched keys against other sections |
 //! | `plan` | the trials of a study, the new ones among them and their time |
 //! | `repeats` | samples of a sweep that gave the same setting |
 //! | `resolved`, `resolved_yaml` | a study with all defaults written out |

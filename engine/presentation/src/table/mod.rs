@@ -251,8 +251,8 @@ pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     Ok(grid)
 }
 
-/// A label with a space for each break between lines: neither a row of a terminal nor a line of a figure has a place for
-/// a break.
+/// A label with a space for each break between lines, for which a row of a terminal and a line of a figure have no
+/// place.
 pub(crate) fn one_line(label: &str) -> String {
     label.replace("\r\n", " ").replace(['\n', '\r'], " ")
 }
