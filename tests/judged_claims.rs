@@ -59,7 +59,7 @@ fn a_side_without_trials_is_named() {
     bench.write("judged.yaml", &study);
     let said = bench.ok(&["run", "judged.yaml", "-j", "2", "--verbose"]);
     let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
-    let claim = "NOT RUN water.return > rule.return in other, r_ohm=0.1; `rule` has no trials here";
+    let claim = "NOT RUN water.return > rule.return in other, r_ohm=0.1; no trial of `rule` is planned here";
     assert!(said.contains(claim), "{said}");
 }
 

@@ -35,13 +35,13 @@ pub(super) fn of_setting<'r>(scope: &Scope<'r>, operand: &Operand, setting: Opti
     scope
 }
 
-/// A note for each agent of a claim whose trials failed, or that has no trials in the setting.
+/// A note for each agent of a claim whose trials failed, or that has none planned in the setting.
 pub(super) fn lacking(claim: &Claim, scope: &Scope<'_>, setting: Option<&str>) -> Vec<String> {
     let mut notes: Vec<String> = Vec::new();
     for operand in claim.operands().into_iter().filter(|it| it.within.is_none()) {
         let (agent, trials) = (&operand.agent, of_setting(scope, operand, setting));
         let note = match (trials.failed(), trials.trials.len()) {
-            (0, 0) => format!("`{agent}` has no trials here"),
+            (0, 0) => format!("no trial of `{agent}` is planned here"),
             (0, _) => continue,
             (failed, all) => format!("{failed} of {} of `{agent}` failed", count(all, "trial")),
         };

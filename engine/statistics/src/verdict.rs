@@ -318,13 +318,14 @@ impl Judgement {
             _ if self.statement.as_ref().is_some_and(is_of_shares) => {
                 "more seeds may decide; for shares their number is not estimated".into()
             }
-            (_, None) => format!("{NO_NUMBER_DECIDES}, if mean and spread stay as they are"),
+            (_, None) => {
+                "no affordable number of seeds would decide with a probability of 80 %, if mean and spread \
+                          stay as they are"
+                    .into()
+            }
         }
     }
 }
-
-/// The beginning of the remark on an estimate that no affordable number of seeds decides.
-const NO_NUMBER_DECIDES: &str = "no affordable number of seeds would decide with a probability of 80 %";
 
 /// The remark on seeds that are equal, possibly by chance.
 pub const ALIKE: &str = "all seeds gave the same whole number, as counts do by chance, which decides nothing";

@@ -93,8 +93,9 @@ impl TriedSetting {
                             Some(value) => drop(at_pause(*pause, Some(value))),
                             None if is_last => drop(at_pause(*pause, None)),
                             None if trial.is_ok() => {
-                                let value = last_before(trial, &search.metric, *pause).or(value);
-                                value.map(|value| at_pause(*pause, Some(value)));
+                                if let Some(value) = last_before(trial, &search.metric, *pause).or(value) {
+                                    at_pause(*pause, Some(value));
+                                }
                             }
                             None => {}
                         }
